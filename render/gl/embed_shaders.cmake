@@ -1,0 +1,10 @@
+# cmake -DOUT=header -DNAME=name -DINPUTS="a.comp;b.glsl" -P embed_shaders.cmake
+set(text "// Generated from the shader files of this folder; do not edit.\n#pragma once\n#include <string_view>\nnamespace overfly::shaders::${NAME} {\n")
+foreach(input IN LISTS INPUTS)
+  get_filename_component(file ${input} NAME)
+  string(REGEX REPLACE "[^A-Za-z0-9]" "_" id ${file})
+  file(READ ${input} body)
+  string(APPEND text "inline constexpr std::string_view ${id} = R\"overfly(${body})overfly\";\n")
+endforeach()
+string(APPEND text "}  // namespace overfly::shaders::${NAME}\n")
+file(WRITE ${OUT} "${text}")
