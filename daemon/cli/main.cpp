@@ -1,0 +1,3 @@
+#include "daemon/cli/command.h"
+
+int main(int argc, char** argv) { return overfly::cli::run(argc, argv); }
