@@ -13,6 +13,8 @@ struct Geodetic {
 
 [[nodiscard]] Eigen::Vector3d ecefFromGeodetic(const Geodetic& point);
 [[nodiscard]] Geodetic geodeticFromEcef(const Eigen::Vector3d& point_in_ecef);
+// The ellipsoid's outward normal there, unit length: a point at height h is its foot point plus h times this.
+[[nodiscard]] Eigen::Vector3d upInEcef(double lat, double lon);
 
 [[nodiscard]] constexpr double radians(double degrees) { return degrees * 3.14159265358979323846 / 180.0; }
 [[nodiscard]] constexpr double degrees(double rad) { return rad * 180.0 / 3.14159265358979323846; }

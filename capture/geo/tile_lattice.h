@@ -34,18 +34,26 @@ enum class LatticeKind { WebMercator, Utm, Ups, Local };
 class TileLattice {
  public:
   [[nodiscard]] static TileLattice webMercator();
-  // Zone 1..60; origin of the index grid at the zone's (500 km, equator) false origin.
+  // Zone 1..60; (0, 0) is where the central meridian meets the equator (easting 500 km), on both hemispheres;
+  // `north` only says which of the zone's two names is meant. Domain: 3,500 km to each side.
   [[nodiscard]] static Result<TileLattice> utm(int zone, bool north);
+  // (0, 0) is the pole, plane north is along longitude 180 (N) or 0 (S). Domain: latitudes beyond 60 deg.
   [[nodiscard]] static TileLattice ups(bool north);
-  // Azimuthal equidistant around `origin` (GeographicLib), good to some hundred kilometres.
+  // Azimuthal equidistant around `origin` (height ignored), valid at any place of the Earth, poles included.
+  // Off by r^2 / 6R^2 in scale across the radius: 4e-4 at 300 km. Domain: 2,000 km around the origin.
   [[nodiscard]] static TileLattice local(const Geodetic& origin);
 
   // "webmercator", "utm:33N", "ups:N", "local:LAT,LON" (degrees); the store keeps this text.
   [[nodiscard]] static Result<TileLattice> parse(const std::string& text);
   [[nodiscard]] std::string text() const;
   [[nodiscard]] LatticeKind kind() const { return kind_; }
+  // Utm: the zone, else 0. Utm and Ups: the hemisphere.
+  [[nodiscard]] int zone() const { return zone_; }
+  [[nodiscard]] bool north() const { return north_; }
 
-  // Plane coordinates of a point; nullopt outside the projection's domain (Web Mercator beyond 85.06 deg).
+  // Plane coordinates of a point; nullopt outside the projection's domain (Web Mercator: |latitude| beyond
+  // 85.0511 deg, where the square world ends) and for a NaN. Web Mercator is the spherical formula on
+  // geodetic latitude (EPSG:3857).
   // Web Mercator: px continues across the antimeridian towards `near_px` (the copy of the world that is
   // nearest to it), so that one flight has one unwrapped range.
   [[nodiscard]] std::optional<Eigen::Vector2d> planeFromGeodetic(double lat, double lon,
@@ -61,6 +69,8 @@ class TileLattice {
 
   // Ground length in metres of one plane unit (a zoom-0 cell) at a place, mean of east and north.
   [[nodiscard]] double metresPerPlaneUnit(double lat, double lon) const;
+  // Zoom-0 cell of the non-global kinds in projected metres; the equator's length for Web Mercator.
+  static constexpr double kCellMetres = 2 * 3.14159265358979323846 * 6378137.0;
   // The zoom whose texel (cell / tile_size) is nearest, in log2, to a ground sampling distance there.
   [[nodiscard]] int zoomForGsd(double gsd_m, double lat, double lon, int tile_size) const;
   [[nodiscard]] double texelSize(int zoom, double lat, double lon, int tile_size) const;
@@ -71,7 +81,7 @@ class TileLattice {
   LatticeKind kind_ = LatticeKind::WebMercator;
   int zone_ = 0;
   bool north_ = true;
-  double origin_lat_ = 0, origin_lon_ = 0;
+  double origin_lat_deg_ = 0, origin_lon_deg_ = 0;  // degrees, so that text() reads back bit for bit
 };
 
 }  // namespace overfly::geo
