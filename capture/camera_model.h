@@ -15,16 +15,16 @@ namespace overfly::capture {
 class CameraModel {
  public:
   enum class Kind {
-    Pinhole,        // no distortion
+    Pinhole,           // no distortion
     RadialTangential,  // OpenCV k1 k2 p1 p2 [k3 [k4 k5 k6]]: 4, 5 or 8 coefficients
-    Fisheye,        // OpenCV fisheye (equidistant) k1..k4
+    Fisheye,           // OpenCV fisheye (equidistant) k1..k4
   };
 
   Kind kind = Kind::Pinhole;
-  int width = 0;   // pixels
-  int height = 0;  // pixels
-  double fx = 0, fy = 0;  // focal lengths, pixels
-  double cx = 0, cy = 0;  // principal point, pixels, first pixel's centre at (0.5, 0.5)
+  int width = 0;                   // pixels
+  int height = 0;                  // pixels
+  double fx = 0, fy = 0;           // focal lengths, pixels
+  double cx = 0, cy = 0;           // principal point, pixels, first pixel's centre at (0.5, 0.5)
   std::vector<double> distortion;  // in OpenCV's order; empty, 4, 5 or 8 values
 
   // Pixel of a point given in camera axes (any scale); nullopt where the model is not valid: behind the
