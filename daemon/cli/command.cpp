@@ -47,6 +47,13 @@ void buildCommandLine(CLI::App& app, Context& context) {
   }
 }
 
+Result<config::Loaded> loadSettings(const Context& context,
+                                    const std::optional<std::filesystem::path>& file) {
+  config::Sources sources = config::installedSources("/etc/overfly", file);
+  sources.overrides = context.overrides;
+  return config::load(sources).map_error(config::errorFrom);
+}
+
 int run(int argc, const char* const* argv) {
   CLI::App app;
   Context context;
@@ -63,7 +70,9 @@ int run(int argc, const char* const* argv) {
     const Result<int> status = context.chosen()();
     std::cout.flush();
     if (!status) {
-      std::cerr << "overfly: " << status.error().message << '\n';
+      const std::string& message = status.error().message;
+      const bool several = message.find('\n') != std::string::npos;  // one line each, as compilers do
+      std::cerr << (several ? "" : "overfly: ") << message << '\n';
       return status.error().code == ErrorCode::BadSettings ? kBadUsage : kFailed;
     }
     if (!std::cout || std::fflush(stdout) != 0) {

@@ -1,10 +1,13 @@
 #pragma once
 #include <CLI/CLI.hpp>
+#include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "config/error.h"
+#include "config/load.h"
 
 // The frame that every command of `overfly` stands in. A new command is one file, cmd_<name>.cpp:
 //
@@ -54,6 +57,11 @@ struct Command {
   std::string summary;  // one line, for the list that --help prints
   void (*build)(CLI::App& command, Context& context);
 };
+
+// The settings in force: the installation's files (or only `file`), the environment, --set. BadSettings names
+// everything that is wrong, one line each.
+[[nodiscard]] Result<config::Loaded> loadSettings(
+    const Context& context, const std::optional<std::filesystem::path>& file = std::nullopt);
 
 // Puts a command on the program's list when a static object of it is made.
 struct Registered {
