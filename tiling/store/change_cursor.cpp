@@ -12,8 +12,9 @@ std::string ChangeCursor::text() const {
 
 Result<ChangeCursor> ChangeCursor::parse(const std::string& text) {
   const auto refuse = [&] {
-    return fail(ErrorCode::BadInput, fmt::format("\"{}\" is no place in a list of changes; begin with since=0",
-                                                 text.substr(0, 80)));
+    return fail(
+        ErrorCode::BadInput,
+        fmt::format("\"{}\" is no place in a list of changes; begin with since=0", text.substr(0, 80)));
   };
   std::uint64_t parts[4] = {};
   int count = 0;

@@ -21,7 +21,8 @@ constexpr std::size_t kMostScanned = 20000;
 
 Result<void> tune(Database& database, const StoreOptions& options) {
   const std::string pragmas = fmt::format(
-      "PRAGMA cache_size = -{}; PRAGMA mmap_size = 0; PRAGMA cell_size_check = ON; PRAGMA trusted_schema = OFF; "
+      "PRAGMA cache_size = -{}; PRAGMA mmap_size = 0; PRAGMA cell_size_check = ON; PRAGMA trusted_schema = "
+      "OFF; "
       "PRAGMA query_only = ON;",
       std::max<std::size_t>(options.cache_bytes / 1024, 64));
   return database.execute(pragmas.c_str());
@@ -32,20 +33,28 @@ tl::unexpected<Error> noTile(const geo::TileKey& key) {
 }
 
 // Columns revision, codec, checksum, min, max, valid, bytes from `first` on.
-Result<StoredLayer> storedLayer(const Query& row, int first, int space, const geo::TileKey& key, Layer layer) {
+Result<StoredLayer> storedLayer(const Query& row, int first, int space, const geo::TileKey& key,
+                                Layer layer) {
   StoredLayer stored;
   stored.revision = static_cast<std::uint64_t>(row.integer(first));
   stored.encoded.layer = layer;
   stored.encoded.codec = static_cast<Codec>(row.integer(first + 1));
   const auto expected = static_cast<std::uint32_t>(row.integer(first + 2));
-  stored.encoded.statistics = {static_cast<float>(row.real(first + 3)), static_cast<float>(row.real(first + 4)),
+  stored.encoded.statistics = {static_cast<float>(row.real(first + 3)),
+                               static_cast<float>(row.real(first + 4)),
                                static_cast<std::uint32_t>(row.integer(first + 5))};
   const auto bytes = row.blob(first + 6);
   if (detail::checksum(space, key, layer, stored.encoded.codec, stored.revision, bytes) != expected)
-    return fail(ErrorCode::Corrupt,
-                fmt::format("layer {} of tile {}/{}/{} is damaged on disk", name(layer), key.zoom, key.x, key.y));
+    return fail(ErrorCode::Corrupt, fmt::format("layer {} of tile {}/{}/{} is damaged on disk", name(layer),
+                                                key.zoom, key.x, key.y));
   stored.encoded.bytes.assign(bytes.begin(), bytes.end());
   return stored;
+}
+
+PlaneBox boxOf(const geo::TileKey& key) {
+  const Eigen::Vector2d corner = geo::TileLattice::planeOf(key),
+                        opposite = geo::TileLattice::planeOf(key, 1, 1);
+  return {corner.x(), corner.y(), opposite.x(), opposite.y()};
 }
 
 Result<TileInfo> tileInfo(const Query& row) {  // zoom, x, y, revision, layers, gsd_m, provisional, frame_set
@@ -87,7 +96,8 @@ Result<MapReader> MapReader::open(const std::filesystem::path& path, const Store
   const auto finish = [&](Result<Database> database) -> Result<MapReader> {
     if (!database) return tl::unexpected(database.error());
     if (const Result<void> done = tune(*database, options); !done) return tl::unexpected(done.error());
-    if (const Result<void> done = detail::checkSchema(*database, path); !done) return tl::unexpected(done.error());
+    if (const Result<void> done = detail::checkSchema(*database, path); !done)
+      return tl::unexpected(done.error());
     return MapReader(std::make_unique<Impl>(Impl{path, std::move(*database)}));
   };
   Result<MapReader> reader = finish(Database::open(path, SQLITE_OPEN_READONLY, options.vfs, kBusyMs));
@@ -105,8 +115,9 @@ Result<std::uint64_t> MapReader::revision() const { return detail::readRevision(
 
 Result<StoredLayer> MapReader::read(const geo::TileKey& key, Layer layer) const {
   Query rows = impl_->database.query(
-      "SELECT l.revision, codec, checksum, min, max, valid, bytes FROM tile t JOIN layer l ON l.id = t.id * 256 + ? "
-      "WHERE space = 0 AND zoom = ? AND y = ? AND x = ?");
+      "SELECT l.revision, codec, checksum, min, max, valid, bytes FROM tile t JOIN layer l ON l.id = t.id * "
+      "256 + ? "
+      "WHERE space = 0 AND t.zoom = ? AND y = ? AND x = ?");
   rows.bind(static_cast<int>(layer)).bind(key.zoom).bind(key.y).bind(key.x);
   const Result<bool> row = rows.step();
   if (!row) return tl::unexpected(row.error());
@@ -121,8 +132,8 @@ Result<std::vector<StoredLayer>> layersOf(Database& database, int space, std::in
   std::vector<StoredLayer> stored;
   for (const Layer layer : kLayers) {
     if (!contains(wanted, layer)) continue;
-    Query rows = database.query(
-        "SELECT revision, codec, checksum, min, max, valid, bytes FROM layer WHERE id = ?");
+    Query rows =
+        database.query("SELECT revision, codec, checksum, min, max, valid, bytes FROM layer WHERE id = ?");
     rows.bind(detail::layerRow(tile, layer));
     const Result<bool> row = rows.step();
     if (!row) return tl::unexpected(row.error());
@@ -141,8 +152,8 @@ Result<std::vector<StoredLayer>> MapReader::readLayers(const geo::TileKey& key, 
   if (!snapshot) return tl::unexpected(snapshot.error());
   std::int64_t tile = 0;
   {
-    Query rows = impl_->database.query(
-        "SELECT id, layers FROM tile WHERE space = 0 AND zoom = ? AND y = ? AND x = ?");
+    Query rows =
+        impl_->database.query("SELECT id, layers FROM tile WHERE space = 0 AND zoom = ? AND y = ? AND x = ?");
     rows.bind(key.zoom).bind(key.y).bind(key.x);
     const Result<bool> row = rows.step();
     if (!row) return tl::unexpected(row.error());
@@ -155,7 +166,7 @@ Result<std::vector<StoredLayer>> MapReader::readLayers(const geo::TileKey& key, 
 Result<std::uint64_t> MapReader::layerRevision(const geo::TileKey& key, Layer layer) const {
   Query rows = impl_->database.query(
       "SELECT l.revision, codec FROM tile t JOIN layer l ON l.id = t.id * 256 + ? "
-      "WHERE space = 0 AND zoom = ? AND y = ? AND x = ?");
+      "WHERE space = 0 AND t.zoom = ? AND y = ? AND x = ?");
   rows.bind(static_cast<int>(layer)).bind(key.zoom).bind(key.y).bind(key.x);
   const Result<bool> row = rows.step();
   if (!row) return tl::unexpected(row.error());
@@ -213,78 +224,71 @@ Result<ChangePage> MapReader::changes(const ChangeCursor& from, const ChangeFilt
   if (cursor.until == 0) cursor.until = *revision;
   // A map that was put back from an older copy: nothing here is newer than what the client has.
   if (cursor.since > *revision || cursor.until > *revision)
-    return fail(ErrorCode::BadInput, fmt::format("revision {} is not of this map (it is at {}); begin again with "
-                                                 "since=0",
-                                                 std::max(cursor.since, cursor.until), *revision));
+    return fail(ErrorCode::BadInput,
+                fmt::format("revision {} is not of this map (it is at {}); begin again with "
+                            "since=0",
+                            std::max(cursor.since, cursor.until), *revision));
   if (cursor.revision < cursor.since) cursor.revision = cursor.since;
-
-  std::vector<int> zooms;
-  {
-    Query rows = database.query("SELECT DISTINCT zoom FROM tile WHERE space = 0 AND zoom >= ? ORDER BY zoom");
-    rows.bind(std::max(cursor.zoom, filter.min_zoom));
-    for (;;) {
-      const Result<bool> row = rows.step();
-      if (!row) return tl::unexpected(row.error());
-      if (!*row || rows.integer(0) > filter.max_zoom) break;
-      zooms.push_back(static_cast<int>(rows.integer(0)));
-    }
-  }
 
   std::uint64_t bytes = 0;
   std::size_t scanned = 0;
-  for (const int zoom : zooms) {
+  int zoom = std::max(cursor.zoom, filter.min_zoom);
+  for (;;) {
+    {
+      Query rows = database.query("SELECT min(zoom) FROM layer WHERE zoom IS NOT NULL AND zoom >= ?");
+      rows.bind(zoom);
+      const Result<bool> row = rows.step();
+      if (!row) return tl::unexpected(row.error());
+      if (!*row || rows.isNull(0) || rows.integer(0) > filter.max_zoom) break;
+      zoom = static_cast<int>(rows.integer(0));
+    }
     if (zoom != cursor.zoom) {
       cursor.zoom = zoom;
       cursor.revision = cursor.since;
     }
-    Query tiles = database.query(
-        "SELECT id, revision, x, y FROM tile WHERE space = 0 AND zoom = ? AND revision > ? AND revision <= ? "
-        "ORDER BY revision");
-    tiles.bind(zoom).bind(cursor.revision).bind(cursor.until);
+    Query rows = database.query(
+        "SELECT layer.id & 255, layer.revision, codec, length(bytes), x, y FROM layer JOIN tile ON tile.id = "
+        "layer.id "
+        ">> 8 WHERE layer.zoom = ? AND layer.revision > ? AND layer.revision <= ? ORDER BY layer.revision, "
+        "layer.id");
+    rows.bind(zoom).bind(cursor.revision).bind(cursor.until);
+    // All layers that one commit gave to a tile share its revision, and no other tile has it.
+    std::size_t tile_begin = page.changes.size();
+    std::uint64_t tile_revision = cursor.revision, tile_bytes = 0;
     for (;;) {
-      const Result<bool> row = tiles.step();
+      const Result<bool> row = rows.step();
       if (!row) return tl::unexpected(row.error());
-      if (!*row) break;
-      const geo::TileKey key{zoom, tiles.integer(2), tiles.integer(3)};
-      if (page.changes.size() >= limit || ++scanned > kMostScanned) return page;
-      if (filter.box) {
-        const Eigen::Vector2d corner = geo::TileLattice::planeOf(key), other = geo::TileLattice::planeOf(key, 1, 1);
-        if (!filter.box->intersects({corner.x(), corner.y(), other.x(), other.y()})) {
-          cursor.revision = static_cast<std::uint64_t>(tiles.integer(1));
-          continue;
+      const bool next_tile = !*row || static_cast<std::uint64_t>(rows.integer(1)) != tile_revision;
+      if (next_tile) {
+        if (tile_begin > 0 && bytes + tile_bytes > max_bytes) {
+          page.changes.resize(tile_begin);
+          return page;
         }
+        bytes += tile_bytes;
+        tile_bytes = 0;
+        tile_begin = page.changes.size();
+        cursor.revision = tile_revision;
       }
-      Query layers = database.query(
-          "SELECT id & 255, revision, codec, length(bytes) FROM layer WHERE id BETWEEN ? AND ? AND revision > ? "
-          "ORDER BY id");
-      const std::int64_t tile = tiles.integer(0);
-      layers.bind(tile * 256).bind(tile * 256 + 255).bind(cursor.since);
-      const std::size_t before = page.changes.size();
-      std::uint64_t of_tile = 0;
-      for (;;) {
-        const Result<bool> layer_row = layers.step();
-        if (!layer_row) return tl::unexpected(layer_row.error());
-        if (!*layer_row) break;
-        const std::int64_t number = layers.integer(0);
-        if (number > 31 || !contains(filter.layers, static_cast<Layer>(number))) continue;
-        page.changes.push_back({key, static_cast<Layer>(number), static_cast<std::uint64_t>(layers.integer(1)),
-                                static_cast<std::uint32_t>(layers.integer(3)),
-                                layers.integer(2) == static_cast<int>(Codec::Erased)});
-        of_tile += page.changes.back().bytes;
-      }
-      if (before > 0 && bytes + of_tile > max_bytes) {
-        page.changes.resize(before);
-        return page;
-      }
-      bytes += of_tile;
-      cursor.revision = static_cast<std::uint64_t>(tiles.integer(1));
+      if (!*row) break;
+      if (next_tile && (page.changes.size() >= limit || ++scanned > kMostScanned)) return page;
+      tile_revision = static_cast<std::uint64_t>(rows.integer(1));
+      const geo::TileKey key{zoom, rows.integer(4), rows.integer(5)};
+      const std::int64_t number = rows.integer(0);
+      if (number > 31 || !contains(filter.layers, static_cast<Layer>(number))) continue;
+      if (filter.box && !filter.box->intersects(boxOf(key))) continue;
+      page.changes.push_back({key, static_cast<Layer>(number), tile_revision,
+                              static_cast<std::uint32_t>(rows.integer(3)),
+                              rows.integer(2) == static_cast<int>(Codec::Erased)});
+      tile_bytes += page.changes.back().bytes;
     }
+    ++zoom;
   }
   cursor.done = true;
   return page;
 }
 
-Result<std::vector<geo::TileKey>> MapReader::keys(int zoom, Layer layer, const std::optional<geo::TileKey>& after,
+Result<std::vector<geo::TileKey>> MapReader::keys(int zoom, Layer layer,
+                                                  const std::optional<geo::TileKey>& after,
                                                   std::size_t limit) const {
   constexpr std::int64_t kLowest = std::numeric_limits<std::int64_t>::min();
   Query rows = impl_->database.query(
@@ -359,8 +363,8 @@ Result<StoreStatistics> MapReader::statistics() const {
       continue;
     }
     statistics.levels.push_back({static_cast<Layer>(extents.integer(0)), static_cast<int>(extents.integer(1)),
-                                 extents.integer(2), extents.integer(3), extents.integer(4), extents.integer(5),
-                                 tiles, static_cast<std::uint64_t>(extents.integer(7))});
+                                 extents.integer(2), extents.integer(3), extents.integer(4),
+                                 extents.integer(5), tiles, static_cast<std::uint64_t>(extents.integer(7))});
   }
   Query frames = database.query("SELECT state, count(*), total(bytes) FROM frame GROUP BY state");
   for (;;) {
@@ -390,8 +394,8 @@ Result<StoreStatistics> MapReader::statistics() const {
 }
 
 Result<FrameRecord> MapReader::frame(std::uint64_t id) const {
-  static const std::string kSql =
-      fmt::format("SELECT {} FROM frame JOIN camera ON camera.id = camera WHERE frame.id = ?", detail::kFrameColumns);
+  static const std::string kSql = fmt::format(
+      "SELECT {} FROM frame JOIN camera ON camera.id = camera WHERE frame.id = ?", detail::kFrameColumns);
   Query rows = impl_->database.query(kSql);
   rows.bind(id);
   const Result<bool> row = rows.step();
@@ -400,7 +404,8 @@ Result<FrameRecord> MapReader::frame(std::uint64_t id) const {
   return detail::frameFromRow(rows);
 }
 
-Result<std::vector<FrameRecord>> MapReader::frames(std::optional<std::uint64_t> after_id, std::size_t limit) const {
+Result<std::vector<FrameRecord>> MapReader::frames(std::optional<std::uint64_t> after_id,
+                                                   std::size_t limit) const {
   static const std::string kSql = fmt::format(
       "SELECT {} FROM frame JOIN camera ON camera.id = camera WHERE frame.id > ? ORDER BY frame.id LIMIT ?",
       detail::kFrameColumns);

@@ -20,7 +20,7 @@ using detail::Query;
 using detail::Transaction;
 
 constexpr int kBusyMs = 5000;
-constexpr int kCheckpointWaitMs = 250;  // for readers to finish their step
+constexpr int kCheckpointWaitMs = 250;           // for readers to finish their step
 constexpr std::uint64_t kFrameHeaderBytes = 24;  // of SQLite's log, per page
 
 std::string drawId() {
@@ -33,10 +33,12 @@ Result<void> checkMeta(const MapMeta& meta) {
     return fail(ErrorCode::BadInput,
                 fmt::format("a tile size of {} is not possible; take 256 or 512", meta.tile_size));
   if (!(meta.elevation_step_m >= 0.001 && meta.elevation_step_m <= 10))
-    return fail(ErrorCode::BadInput, fmt::format("an elevation step of {} m is not possible; take 0.001 to 10",
-                                                 meta.elevation_step_m));
+    return fail(
+        ErrorCode::BadInput,
+        fmt::format("an elevation step of {} m is not possible; take 0.001 to 10", meta.elevation_step_m));
   if (meta.base_zoom < 0 || meta.base_zoom > 30)
-    return fail(ErrorCode::BadInput, fmt::format("zoom {} for level 0 is not possible; take 0 to 30", meta.base_zoom));
+    return fail(ErrorCode::BadInput,
+                fmt::format("zoom {} for level 0 is not possible; take 0 to 30", meta.base_zoom));
   return {};
 }
 
@@ -136,7 +138,8 @@ Result<MapStore> MapStore::create(const std::filesystem::path& path, const MapMe
     Result<Database> database =
         Database::open(path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, options.vfs, kBusyMs);
     if (!database) return tl::unexpected(database.error());
-    if (const Result<void> done = detail::createSchema(*database, meta); !done) return tl::unexpected(done.error());
+    if (const Result<void> done = detail::createSchema(*database, meta); !done)
+      return tl::unexpected(done.error());
   }
   return open(path, options);
 }
@@ -152,10 +155,12 @@ Result<MapStore> MapStore::open(const std::filesystem::path& path, const StoreOp
                             path.string()));
   Result<Database> database = Database::open(path, SQLITE_OPEN_READWRITE, options.vfs, kBusyMs);
   if (!database) return tl::unexpected(database.error());
-  if (const Result<void> done = detail::checkSchema(*database, path); !done) return tl::unexpected(done.error());
+  if (const Result<void> done = detail::checkSchema(*database, path); !done)
+    return tl::unexpected(done.error());
   auto impl = std::make_unique<Impl>(path, options, std::move(*database));
   if (const Result<void> done = impl->tune(); !done) return tl::unexpected(done.error());
-  if (const Result<void> done = detail::migrate(impl->database, path); !done) return tl::unexpected(done.error());
+  if (const Result<void> done = detail::migrate(impl->database, path); !done)
+    return tl::unexpected(done.error());
   Result<MapMeta> meta = detail::readMeta(impl->database);
   if (!meta) return tl::unexpected(meta.error());
   impl->meta = std::move(*meta);
@@ -173,11 +178,12 @@ Result<void> MapStore::amend(const MapMeta& wanted) {
   meta.id = impl_->meta.id;
   meta.created_utc_ns = impl_->meta.created_utc_ns;
   const MapMeta& now = impl_->meta;
-  const bool same_meaning = meta.lattice == now.lattice && meta.datum == now.datum && meta.geoid == now.geoid &&
-                            meta.tile_size == now.tile_size && meta.base_zoom == now.base_zoom &&
-                            meta.elevation_step_m == now.elevation_step_m;
+  const bool same_meaning = meta.lattice == now.lattice && meta.datum == now.datum &&
+                            meta.geoid == now.geoid && meta.tile_size == now.tile_size &&
+                            meta.base_zoom == now.base_zoom && meta.elevation_step_m == now.elevation_step_m;
   if (!same_meaning) {
-    const Result<std::int64_t> tiles = impl_->database.integer("SELECT count(*) FROM (SELECT 1 FROM tile LIMIT 1)");
+    const Result<std::int64_t> tiles =
+        impl_->database.integer("SELECT count(*) FROM (SELECT 1 FROM tile LIMIT 1)");
     if (!tiles) return tl::unexpected(tiles.error());
     if (*tiles != 0)
       return fail(ErrorCode::BadInput,
@@ -208,7 +214,8 @@ Result<std::uint64_t> MapStore::commit(const Batch& batch) {
     if (const Result<void> done = writer.write(tile); !done) return tl::unexpected(done.error());
   if (const Result<void> done = writer.finish(); !done) return tl::unexpected(done.error());
   for (const FrameRecord& frame : batch.frames)
-    if (const Result<void> done = detail::writeFrame(database, frame); !done) return tl::unexpected(done.error());
+    if (const Result<void> done = detail::writeFrame(database, frame); !done)
+      return tl::unexpected(done.error());
   for (const auto& [key, kind] : batch.dequeue) {
     Query remove = database.query("DELETE FROM queue WHERE kind = ? AND zoom = ? AND x = ? AND y = ?");
     remove.bind(kind).bind(key.zoom).bind(key.x).bind(key.y);

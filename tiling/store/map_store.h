@@ -95,15 +95,15 @@ struct TileInfo {
 // --- changes ---------------------------------------------------------------------------------------------
 
 struct ChangeFilter {
-  std::optional<PlaneBox> box;
+  std::optional<PlaneBox> box = std::nullopt;
   LayerSet layers = kAllLayers;
   int min_zoom = 0;
   int max_zoom = 63;
 };
 
 // A place in the list of what changed in (since, until], coarse levels first and by revision within a level.
-// A tile that changes again while the list is read leaves it and comes in the next one (since = until): so
-// no (tile, revision) is listed twice, and none is left out.
+// A layer that changes again while the list is read leaves it and comes in the next one (since = until): so
+// no (tile, layer, revision) is listed twice, and none is left out.
 struct ChangeCursor {
   std::uint64_t since = 0;
   std::uint64_t until = 0;  // 0: the revision at the first call

@@ -189,8 +189,10 @@ Result<void> writeFrame(Database& database, const FrameRecord& frame) {
   const std::vector<std::uint8_t> footprint =
       frame.footprint ? packFootprint(*frame.footprint) : std::vector<std::uint8_t>();
   Query insert = database.query(
-      "INSERT OR REPLACE INTO frame (id, name, camera_id, camera, time_ns, utc_offset_ns, exposure_ns, datum, "
-      "pose_is_adjusted, pose, footprint, west, north, east, south, path, bytes, state, reason) VALUES (?, ?, ?, "
+      "INSERT OR REPLACE INTO frame (id, name, camera_id, camera, time_ns, utc_offset_ns, exposure_ns, "
+      "datum, "
+      "pose_is_adjusted, pose, footprint, west, north, east, south, path, bytes, state, reason) VALUES (?, "
+      "?, ?, "
       "(SELECT id FROM camera WHERE model = ?), ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
   insert.bind(frame.id)
       .bind(std::string_view(frame.name))

@@ -30,7 +30,8 @@ inline constexpr int kSpaceTop = 1;
 
 // The columns that a frame is read by, camera.model joined last.
 inline constexpr std::string_view kFrameColumns =
-    "frame.id, name, camera_id, time_ns, utc_offset_ns, exposure_ns, datum, pose_is_adjusted, pose, footprint, "
+    "frame.id, name, camera_id, time_ns, utc_offset_ns, exposure_ns, datum, pose_is_adjusted, pose, "
+    "footprint, "
     "west, north, east, south, path, bytes, state, reason, camera.model";
 [[nodiscard]] Result<FrameRecord> frameFromRow(const Query& row);
 [[nodiscard]] Result<void> writeFrame(Database& database, const FrameRecord& frame);

@@ -18,10 +18,10 @@ CREATE TABLE tile (
   y INTEGER NOT NULL, revision INTEGER NOT NULL, layers INTEGER NOT NULL, gsd_m REAL NOT NULL,
   provisional INTEGER NOT NULL, frame_set BLOB NOT NULL);
 CREATE UNIQUE INDEX tile_key ON tile (space, zoom, y, x);
-CREATE INDEX tile_change ON tile (space, zoom, revision, x, y);
 CREATE TABLE layer (
-  id INTEGER PRIMARY KEY, revision INTEGER NOT NULL, codec INTEGER NOT NULL, checksum INTEGER NOT NULL,
+  id INTEGER PRIMARY KEY, zoom INTEGER, revision INTEGER NOT NULL, codec INTEGER NOT NULL, checksum INTEGER NOT NULL,
   min REAL NOT NULL, max REAL NOT NULL, valid INTEGER NOT NULL, bytes BLOB NOT NULL);
+CREATE INDEX layer_change ON layer (zoom, revision) WHERE zoom IS NOT NULL;
 CREATE TABLE extent (
   layer INTEGER NOT NULL, zoom INTEGER NOT NULL, min_x INTEGER NOT NULL, min_y INTEGER NOT NULL,
   max_x INTEGER NOT NULL, max_y INTEGER NOT NULL, tiles INTEGER NOT NULL, bytes INTEGER NOT NULL,
@@ -85,6 +85,36 @@ Result<std::string> metaText(Database& database, std::string_view key) {
   return rows.text(0);
 }
 
+Result<void> checkWhole(Database& database, const std::filesystem::path& path) {
+  const Result<std::int64_t> application = database.integer("PRAGMA application_id");
+  if (!application) return tl::unexpected(application.error());
+  if (*application != kApplicationId)
+    return fail(ErrorCode::BadInput,
+                fmt::format("{} is not an overfly map; name another file", path.string()));
+  const Result<std::int64_t> version = database.integer("PRAGMA user_version");
+  if (!version) return tl::unexpected(version.error());
+  if (*version > kSchemaVersion || *version < 1)
+    return fail(ErrorCode::BadInput,
+                fmt::format("{} was made by another version of overfly (format {}, this one reads 1 to {}): "
+                            "install the newer overfly",
+                            path.string(), *version, kSchemaVersion));
+  std::size_t found = 0;
+  Query tables = database.query("SELECT name FROM sqlite_schema WHERE type = 'table' ORDER BY name");
+  for (;;) {
+    const Result<bool> row = tables.step();
+    if (!row) return tl::unexpected(row.error());
+    if (!*row) break;
+    if (found < kTableNames.size() && tables.text(0) == kTableNames[found]) ++found;
+  }
+  if (found != kTableNames.size())
+    return fail(ErrorCode::Corrupt, fmt::format("no table \"{}\"", kTableNames[found]));
+  const Result<MapMeta> meta = readMeta(database);
+  const Result<std::uint64_t> revision = readRevision(database);
+  if (!meta) return tl::unexpected(meta.error());
+  if (!revision) return tl::unexpected(revision.error());
+  return {};
+}
+
 }  // namespace
 
 Result<FileKind> inspect(const std::filesystem::path& path) {
@@ -93,7 +123,8 @@ Result<FileKind> inspect(const std::filesystem::path& path) {
   if (status.type() == std::filesystem::file_type::not_found) return FileKind::Absent;
   if (problem) return fail(ErrorCode::Io, fmt::format("{}: {}", path.string(), problem.message()));
   if (status.type() != std::filesystem::file_type::regular)
-    return fail(ErrorCode::BadInput, fmt::format("{} is not a file; name the map's .overfly file", path.string()));
+    return fail(ErrorCode::BadInput,
+                fmt::format("{} is not a file; name the map's .overfly file", path.string()));
   std::ifstream file(path, std::ios::binary);
   if (!file) return fail(ErrorCode::Io, fmt::format("{}: {}", path.string(), std::strerror(errno)));
   std::array<char, 100> header{};
@@ -103,8 +134,9 @@ Result<FileKind> inspect(const std::filesystem::path& path) {
   const std::uint32_t application = bigEndian(header, 68);
   if (sqlite && application == kApplicationId) return FileKind::Map;
   if (sqlite && application == 0 && bigEndian(header, 60) == 0) return FileKind::Unfinished;
-  return fail(ErrorCode::BadInput,
-              fmt::format("{} is not an overfly map; name another file (it was left as it is)", path.string()));
+  return fail(
+      ErrorCode::BadInput,
+      fmt::format("{} is not an overfly map; name another file (it was left as it is)", path.string()));
 }
 
 Result<void> createSchema(Database& database, const MapMeta& meta) {
@@ -128,40 +160,9 @@ Result<void> createSchema(Database& database, const MapMeta& meta) {
 }
 
 Result<void> checkSchema(Database& database, const std::filesystem::path& path) {
-  const Result<std::int64_t> application = database.integer("PRAGMA application_id");
-  if (!application) {
-    if (application.error().code == ErrorCode::Corrupt) return torn(path, application.error().message);
-    return tl::unexpected(application.error());
-  }
-  if (*application != kApplicationId)
-    return fail(ErrorCode::BadInput, fmt::format("{} is not an overfly map; name another file", path.string()));
-  const Result<std::int64_t> version = database.integer("PRAGMA user_version");
-  if (!version) return tl::unexpected(version.error());
-  if (*version > kSchemaVersion || *version < 1)
-    return fail(ErrorCode::BadInput,
-                fmt::format("{} was made by another version of overfly (format {}, this one reads 1 to {}): "
-                            "install the newer overfly",
-                            path.string(), *version, kSchemaVersion));
-  std::size_t found = 0;
-  Query tables = database.query("SELECT name FROM sqlite_schema WHERE type = 'table' ORDER BY name");
-  for (;;) {
-    const Result<bool> row = tables.step();
-    if (!row) {
-      if (row.error().code == ErrorCode::Corrupt) return torn(path, row.error().message);
-      return tl::unexpected(row.error());
-    }
-    if (!*row) break;
-    if (found < kTableNames.size() && tables.text(0) == kTableNames[found]) ++found;
-  }
-  if (found != kTableNames.size()) return torn(path, fmt::format("no table \"{}\"", kTableNames[found]));
-  const Result<MapMeta> meta = readMeta(database);
-  const Result<std::uint64_t> revision = readRevision(database);
-  if (!meta || !revision) {
-    const Error& error = meta ? revision.error() : meta.error();
-    if (error.code == ErrorCode::Corrupt) return torn(path, error.message);
-    return tl::unexpected(error);
-  }
-  return {};
+  Result<void> whole = checkWhole(database, path);
+  if (!whole && whole.error().code == ErrorCode::Corrupt) return torn(path, whole.error().message);
+  return whole;
 }
 
 Result<void> migrate(Database& database, const std::filesystem::path& path) {
@@ -172,7 +173,8 @@ Result<void> migrate(Database& database, const std::filesystem::path& path) {
     if (*version < 1) return torn(path, "no schema version");
     Result<Transaction> transaction = Transaction::begin(database, Transaction::Kind::Write);
     if (!transaction) return tl::unexpected(transaction.error());
-    if (const Result<void> done = database.execute(kMigrations[static_cast<std::size_t>(*version - 1)]); !done)
+    if (const Result<void> done = database.execute(kMigrations[static_cast<std::size_t>(*version - 1)]);
+        !done)
       return done;
     const std::string next = fmt::format("PRAGMA user_version = {}", *version + 1);
     if (const Result<void> done = database.execute(next.c_str()); !done) return done;
@@ -183,11 +185,16 @@ Result<void> migrate(Database& database, const std::filesystem::path& path) {
 Result<MapMeta> readMeta(Database& database) {
   MapMeta meta;
   std::string datum, tile_size, base_zoom, step, created;
-  const std::pair<const char*, std::string*> fields[] = {
-      {"map.id", &meta.id},           {"map.name", &meta.name},         {"map.lattice", &meta.lattice},
-      {"map.geoid", &meta.geoid},     {"map.extra", &meta.extra},       {"map.datum", &datum},
-      {"map.tile_size", &tile_size},  {"map.base_zoom", &base_zoom},    {"map.elevation_step_um", &step},
-      {"map.created_utc_ns", &created}};
+  const std::pair<const char*, std::string*> fields[] = {{"map.id", &meta.id},
+                                                         {"map.name", &meta.name},
+                                                         {"map.lattice", &meta.lattice},
+                                                         {"map.geoid", &meta.geoid},
+                                                         {"map.extra", &meta.extra},
+                                                         {"map.datum", &datum},
+                                                         {"map.tile_size", &tile_size},
+                                                         {"map.base_zoom", &base_zoom},
+                                                         {"map.elevation_step_um", &step},
+                                                         {"map.created_utc_ns", &created}};
   for (const auto& [key, field] : fields) {
     Result<std::string> text = metaText(database, key);
     if (!text) return tl::unexpected(text.error());

@@ -38,7 +38,8 @@ Error sqliteError(sqlite3* database, int code, std::string_view doing) {
   const int system = database != nullptr ? sqlite3_system_errno(database) : 0;
   if (kind == ErrorCode::Io && primary != SQLITE_FULL && system != 0)
     what += fmt::format(" ({})", std::strerror(system));
-  if (kind == ErrorCode::Internal && database != nullptr) what += fmt::format(" ({})", sqlite3_errmsg(database));
+  if (kind == ErrorCode::Internal && database != nullptr)
+    what += fmt::format(" ({})", sqlite3_errmsg(database));
   return {kind, fmt::format("{}: {}", doing, what)};
 }
 
@@ -104,8 +105,9 @@ double Query::real(int column) const { return sqlite3_column_double(statement_, 
 bool Query::isNull(int column) const { return sqlite3_column_type(statement_, column) == SQLITE_NULL; }
 std::string Query::text(int column) const {
   const auto* bytes = reinterpret_cast<const char*>(sqlite3_column_text(statement_, column));
-  return bytes == nullptr ? std::string()
-                          : std::string(bytes, static_cast<std::size_t>(sqlite3_column_bytes(statement_, column)));
+  return bytes == nullptr
+             ? std::string()
+             : std::string(bytes, static_cast<std::size_t>(sqlite3_column_bytes(statement_, column)));
 }
 std::span<const std::uint8_t> Query::blob(int column) const {
   const auto* bytes = static_cast<const std::uint8_t*>(sqlite3_column_blob(statement_, column));

@@ -76,8 +76,8 @@ class Database {
   struct Finalize {
     void operator()(sqlite3_stmt* statement) const { sqlite3_finalize(statement); }
   };
-  [[nodiscard]] static Result<Database> openName(const std::string& name, int flags, const char* vfs, int busy_ms,
-                                                 const std::filesystem::path& path);
+  [[nodiscard]] static Result<Database> openName(const std::string& name, int flags, const char* vfs,
+                                                 int busy_ms, const std::filesystem::path& path);
   Database() = default;
   std::unique_ptr<sqlite3, Close> handle_;
   std::unordered_map<std::string_view, std::unique_ptr<sqlite3_stmt, Finalize>> statements_;

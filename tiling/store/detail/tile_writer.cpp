@@ -23,7 +23,8 @@ Result<TileWriter::Row> TileWriter::find(int space, const geo::TileKey& key) {
 Result<void> TileWriter::dropOtherTops(const geo::TileKey& key) {
   std::vector<std::int64_t> others;
   {
-    Query rows = database_.query("SELECT id FROM tile WHERE space = 1 AND NOT (zoom = ? AND x = ? AND y = ?)");
+    Query rows =
+        database_.query("SELECT id FROM tile WHERE space = 1 AND NOT (zoom = ? AND x = ? AND y = ?)");
     rows.bind(key.zoom).bind(key.x).bind(key.y);
     for (;;) {
       const Result<bool> row = rows.step();
@@ -43,7 +44,8 @@ Result<void> TileWriter::dropOtherTops(const geo::TileKey& key) {
   return {};
 }
 
-void TileWriter::count(int space, const geo::TileKey& key, int layer, std::int64_t tiles, std::int64_t bytes) {
+void TileWriter::count(int space, const geo::TileKey& key, int layer, std::int64_t tiles,
+                       std::int64_t bytes) {
   if (space != kSpaceLattice) return;
   Extent& extent = extents_[{layer, key.zoom}];
   extent.tiles += tiles;
@@ -64,7 +66,8 @@ Result<bool> TileWriter::put(const Row& row, int space, const geo::TileKey& key,
   const bool had = row.exists && contains(row.layers, layer.layer);
   std::int64_t old_bytes = 0;
   if (row.exists) {
-    Query rows = database_.query("SELECT codec, min, max, valid, length(bytes), bytes FROM layer WHERE id = ?");
+    Query rows = database_.query(
+        "SELECT codec, min, max, valid, length(bytes), bytes, revision, checksum FROM layer WHERE id = ?");
     rows.bind(layerRow(row.id, layer.layer));
     const Result<bool> found = rows.step();
     if (!found) {
@@ -77,7 +80,10 @@ Result<bool> TileWriter::put(const Row& row, int space, const geo::TileKey& key,
           std::equal(bytes.begin(), bytes.end(), layer.bytes.begin()) &&
           static_cast<float>(rows.real(1)) == layer.statistics.min &&
           static_cast<float>(rows.real(2)) == layer.statistics.max &&
-          static_cast<std::uint32_t>(rows.integer(3)) == layer.statistics.valid)
+          static_cast<std::uint32_t>(rows.integer(3)) == layer.statistics.valid &&
+          // A row whose checksum is damaged is written anew.
+          rows.integer(7) == checksum(space, key, layer.layer, layer.codec,
+                                      static_cast<std::uint64_t>(rows.integer(6)), bytes))
         return false;
     }
   }
@@ -85,10 +91,11 @@ Result<bool> TileWriter::put(const Row& row, int space, const geo::TileKey& key,
     return fail(ErrorCode::BadInput, "a layer's statistics must be finite");
   const std::span<const std::uint8_t> bytes(layer.bytes);
   Query insert = database_.query(
-      "INSERT OR REPLACE INTO layer (id, revision, codec, checksum, min, max, valid, bytes) "
-      "VALUES (?, ?, ?, ?, ?, ?, ?, ?)");
-  insert.bind(layerRow(row.id, layer.layer))
-      .bind(revision)
+      "INSERT OR REPLACE INTO layer (id, zoom, revision, codec, checksum, min, max, valid, bytes) "
+      "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)");
+  insert.bind(layerRow(row.id, layer.layer));
+  space == kSpaceLattice ? insert.bind(key.zoom) : insert.bindNull();
+  insert.bind(revision)
       .bind(static_cast<int>(layer.codec))
       .bind(std::int64_t{checksum(space, key, layer.layer, layer.codec, revision, bytes)})
       .bind(double{layer.statistics.min})
@@ -106,8 +113,7 @@ Result<void> TileWriter::write(const TileWrite& tile) {
   const geo::TileKey& key = tile.key;
   constexpr std::int64_t kFar = std::int64_t{1} << 52;  // exact as a double
   if (key.zoom < 0 || key.zoom > 63 || std::abs(key.x) > kFar || std::abs(key.y) > kFar)
-    return fail(ErrorCode::BadInput,
-                fmt::format("no tile can lie at {}/{}/{}", key.zoom, key.x, key.y));
+    return fail(ErrorCode::BadInput, fmt::format("no tile can lie at {}/{}/{}", key.zoom, key.x, key.y));
   const int space = tile.top ? kSpaceTop : kSpaceLattice;
   if (tile.top)
     if (const Result<void> done = dropOtherTops(key); !done) return done;
@@ -150,13 +156,15 @@ Result<void> TileWriter::write(const TileWrite& tile) {
     changed_.push_back(key);
     Query update = database_.query(
         "UPDATE tile SET revision = ?, layers = ?, gsd_m = ?, provisional = ?, frame_set = ? WHERE id = ?");
-    update.bind(next).bind(std::int64_t{now}).bind(double{tile.gsd_m}).bind(static_cast<int>(tile.provisional));
+    update.bind(next)
+        .bind(std::int64_t{now})
+        .bind(double{tile.gsd_m})
+        .bind(static_cast<int>(tile.provisional));
     update.bind(std::span<const std::uint8_t>(frame_set)).bind(row->id);
     return update.run();
   }
   // The same picture from other frames: mirrors need not hear of it.
-  Query update =
-      database_.query("UPDATE tile SET gsd_m = ?, provisional = ?, frame_set = ? WHERE id = ?");
+  Query update = database_.query("UPDATE tile SET gsd_m = ?, provisional = ?, frame_set = ? WHERE id = ?");
   update.bind(double{tile.gsd_m}).bind(static_cast<int>(tile.provisional));
   update.bind(std::span<const std::uint8_t>(frame_set)).bind(row->id);
   return update.run();

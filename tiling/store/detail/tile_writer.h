@@ -34,8 +34,8 @@ class TileWriter {
   };
   [[nodiscard]] Result<Row> find(int space, const geo::TileKey& key);
   [[nodiscard]] Result<void> dropOtherTops(const geo::TileKey& key);
-  [[nodiscard]] Result<bool> put(const Row& row, int space, const geo::TileKey& key, const EncodedLayer& layer,
-                                 std::uint64_t revision);
+  [[nodiscard]] Result<bool> put(const Row& row, int space, const geo::TileKey& key,
+                                 const EncodedLayer& layer, std::uint64_t revision);
   void count(int space, const geo::TileKey& key, int layer, std::int64_t tiles, std::int64_t bytes);
 
   Database& database_;
