@@ -95,9 +95,9 @@ Result<MapReader> MapReader::open(const std::filesystem::path& path, const Store
                             path.string()));
   const auto finish = [&](Result<Database> database) -> Result<MapReader> {
     if (!database) return tl::unexpected(database.error());
-    if (const Result<void> done = tune(*database, options); !done) return tl::unexpected(done.error());
     if (const Result<void> done = detail::checkSchema(*database, path); !done)
       return tl::unexpected(done.error());
+    if (const Result<void> done = tune(*database, options); !done) return tl::unexpected(done.error());
     return MapReader(std::make_unique<Impl>(Impl{path, std::move(*database)}));
   };
   Result<MapReader> reader = finish(Database::open(path, SQLITE_OPEN_READONLY, options.vfs, kBusyMs));
