@@ -39,6 +39,15 @@ Eigen::Vector3d outermostDirection(const capture::CameraModel& camera, const Eig
   return Eigen::Vector3d::UnitZ();
 }
 
+// The point of the view pyramid's base that a pixel sees, in ECEF.
+Eigen::Vector3d basePoint(const capture::CameraModel& camera, const capture::Pose& pose,
+                          const Eigen::Vector2d& pixel, double depth_m) {
+  constexpr double kMinCosine = 0.087;  // 85 deg
+  const Eigen::Vector3d direction = outermostDirection(camera, pixel);
+  const double range_m = direction.z() > kMinCosine ? depth_m / direction.z() : depth_m;
+  return pose.position_in_ecef + range_m * (pose.ecef_from_camera.normalized() * direction);
+}
+
 }  // namespace
 
 std::optional<Eigen::Vector3d> intersectHeight(const Eigen::Vector3d& origin_in_ecef,
@@ -124,15 +133,11 @@ Result<Footprint> footprint(const capture::CameraModel& camera, const capture::P
 }
 
 Box3 viewPyramidBox(const capture::CameraModel& camera, const capture::Pose& pose, double depth_m) {
-  constexpr int kStepsPerEdge = 4;      // distorted edges bulge beyond the corners
-  constexpr double kMinCosine = 0.087;  // 85 deg
-  const Eigen::Matrix3d ecef_from_camera = pose.ecef_from_camera.normalized().toRotationMatrix();
+  constexpr int kStepsPerEdge = 4;  // distorted edges bulge beyond the corners
   Box3 box{pose.position_in_ecef, pose.position_in_ecef};
   const double w = camera.width, h = camera.height;
   const auto include = [&](double x, double y) {
-    const Eigen::Vector3d direction = outermostDirection(camera, {x, y});
-    const double range_m = direction.z() > kMinCosine ? depth_m / direction.z() : depth_m;
-    const Eigen::Vector3d point = pose.position_in_ecef + range_m * (ecef_from_camera * direction);
+    const Eigen::Vector3d point = basePoint(camera, pose, {x, y}, depth_m);
     box.min = box.min.cwiseMin(point);
     box.max = box.max.cwiseMax(point);
   };
@@ -145,6 +150,13 @@ Box3 viewPyramidBox(const capture::CameraModel& camera, const capture::Pose& pos
   }
   include(camera.cx, camera.cy);
   return box;
+}
+
+std::array<Eigen::Vector3d, 4> viewPyramidBase(const capture::CameraModel& camera, const capture::Pose& pose,
+                                               double depth_m) {
+  const double w = camera.width, h = camera.height;
+  return {basePoint(camera, pose, {0, 0}, depth_m), basePoint(camera, pose, {w, 0}, depth_m),
+          basePoint(camera, pose, {w, h}, depth_m), basePoint(camera, pose, {0, h}, depth_m)};
 }
 
 Eigen::Quaterniond enuFromCamera(double yaw, double pitch, double roll) {

@@ -44,6 +44,9 @@ struct Box3 {
 };
 [[nodiscard]] Box3 viewPyramidBox(const capture::CameraModel& camera, const capture::Pose& pose,
                                   double depth_m);
+// The base's corners in ECEF: of the image top-left, top-right, bottom-right, bottom-left.
+[[nodiscard]] std::array<Eigen::Vector3d, 4> viewPyramidBase(const capture::CameraModel& camera,
+                                                             const capture::Pose& pose, double depth_m);
 
 // Yaw, pitch, roll of a gimballed camera (degrees inside flight files, radians here), aerospace convention
 // (NED, Z-Y'-X''): pitch -90 deg looks straight down, yaw is the heading of the image's top at nadir.

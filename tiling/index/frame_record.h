@@ -18,8 +18,9 @@ struct FrameRecord {
   capture::Pose pose;
   double sharpness = 0;  // any measure that grows with sharpness, comparable within a flight; 0: unknown
 
-  // The view pyramid's base in ECEF (3.2.3): on the ground for a near-vertical frame, else perpendicular to
-  // the view at a set distance; corners top-left, top-right, bottom-right, bottom-left of the image.
+  // The view pyramid's base in ECEF (3.2.3), perpendicular to the view; for a near-vertical frame just deep
+  // enough that the whole footprint lies before it, else at a set depth. Corners top-left, top-right,
+  // bottom-right, bottom-left of the image.
   std::array<Eigen::Vector3d, 4> base_in_ecef;
   geo::Box3 pyramid_in_ecef;  // of apex and base
 

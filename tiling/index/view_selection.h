@@ -10,7 +10,7 @@ namespace overfly::tiling {
 struct ViewSelectionOptions {
   int max_views = 12;            // more views: more texels seen free of occlusion, more time per tile
   double min_overlap = 0.01;     // share of the tile that a view must cover
-  double max_obliqueness = 0.7;  // radians between the line of sight to the tile and the vertical
+  double max_obliqueness = 0.7;  // radians between the line of sight and the vertical, where it sees the tile
   // Parallax angles (radians) between two views at the tile: below the first value a pair tells little about
   // height, beyond the last one matching fails; between the middle two it is best.
   double parallax_low = 0.02, parallax_best_from = 0.12, parallax_best_to = 0.45, parallax_high = 0.9;
@@ -19,8 +19,8 @@ struct ViewSelectionOptions {
 struct SelectedView {
   std::uint64_t id = 0;
   double overlap = 0;      // share of the tile that the frame sees, 0..1
-  double obliqueness = 0;  // of the line of sight to the tile's centre, from the vertical, radians
-  double gsd_m = 0;        // at the tile's centre
+  double obliqueness = 0;  // of the line of sight to the middle of what it sees of the tile, radians
+  double gsd_m = 0;        // there
   double gain = 0;         // what it added when it was chosen: comparable within one result
 };
 
