@@ -204,12 +204,12 @@ std::string inUnit(std::string_view text, std::string_view unit) {
   std::string found(trimmed(leading->rest));
   std::transform(found.begin(), found.end(), found.begin(),
                  [](unsigned char c) { return static_cast<char>(c < 0x80 ? std::tolower(c) : c); });
-  const auto sizeOf = [](std::string_view name) {
+  const auto size_of = [](std::string_view name) {
     return std::find_if(kUnitSizes.begin(), kUnitSizes.end(),
                         [&](const UnitSize& u) { return u.name == name; });
   };
-  const auto from = sizeOf(found);
-  const auto to = sizeOf(unit);
+  const auto from = size_of(found);
+  const auto to = size_of(unit);
   if (from == kUnitSizes.end() || to == kUnitSizes.end() || from->quantity != to->quantity) return {};
   return fmt::format("{:.9g}", leading->number * from->size / to->size);
 }

@@ -11,8 +11,8 @@ namespace overfly::house {
 inline const std::vector<std::string> kRooms{"config", "capture", "render", "tiling", "daemon"};
 
 // Includes only point down that order, name their room in full ("capture/frame.h", no "../"), and libraries
-// that have one home are included only there: GL and EGL in render/gl, SQLite in tiling/store, toml++ in
-// config/detail.
+// that have a home are included only there: GL and EGL in render/gl, SQLite in tiling/store, toml++ in
+// config/detail and render/scene/detail (a scene is a TOML file too).
 [[nodiscard]] std::vector<std::string> includeBreaches(const std::filesystem::path& root);
 
 // A room's CMake libraries link no library of a room above it.
