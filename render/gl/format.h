@@ -8,6 +8,7 @@ namespace overfly::gl {
 enum class Format {
   R8,
   RG8,
+  RGB8,  // for sampling only: not every device renders into it, and no image can have it
   RGBA8,
   R16F,
   RG16F,

@@ -158,6 +158,7 @@ int Texture::width(int level) const { return std::max(1, spec_.width >> level); 
 int Texture::height(int level) const { return std::max(1, spec_.height >> level); }
 
 std::size_t Texture::bytes() const {
+  if (empty()) return 0;
   std::size_t texels = 0;
   for (int level = 0; level < spec_.levels; ++level) {
     texels += static_cast<std::size_t>(width(level)) * static_cast<std::size_t>(height(level));

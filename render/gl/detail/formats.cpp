@@ -9,6 +9,7 @@ namespace {
 constexpr std::array<FormatRow, kFormatCount> kRows{{
     {Format::R8, "r8", GL_R8, GL_RED, GL_UNSIGNED_BYTE, 1, 1, false},
     {Format::RG8, "rg8", GL_RG8, GL_RG, GL_UNSIGNED_BYTE, 2, 2, false},
+    {Format::RGB8, "rgb8", GL_RGB8, GL_RGB, GL_UNSIGNED_BYTE, 3, 3, false},
     {Format::RGBA8, "rgba8", GL_RGBA8, GL_RGBA, GL_UNSIGNED_BYTE, 4, 4, true},
     {Format::R16F, "r16f", GL_R16F, GL_RED, GL_HALF_FLOAT, 1, 2, false},
     {Format::RG16F, "rg16f", GL_RG16F, GL_RG, GL_HALF_FLOAT, 2, 4, false},
