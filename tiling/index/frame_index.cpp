@@ -30,20 +30,19 @@ BoostBox3 boostBox(const geo::Box3& box) {
 }
 
 PlaneBox boundsOf(const std::array<Eigen::Vector2d, 4>& polygon) {
-  PlaneBox box{polygon[0], polygon[0]};
-  for (const Eigen::Vector2d& p : polygon) {
-    box.min = box.min.cwiseMin(p);
-    box.max = box.max.cwiseMax(p);
-  }
+  PlaneBox box{polygon[0].x(), polygon[0].y(), polygon[0].x(), polygon[0].y()};
+  for (const Eigen::Vector2d& p : polygon)
+    box = {std::min(box.west, p.x()), std::min(box.north, p.y()), std::max(box.east, p.x()),
+           std::max(box.south, p.y())};
   return box;
 }
 
 // What the frame can see of any surface between its assumed ground and itself: the footprint, which moves
 // towards the point below the camera as the surface rises.
-Box2 groundBox(const FrameRecord& record) {
+Box2 groundBox(const IndexedFrame& record) {
   const PlaneBox box = boundsOf(record.footprint);
-  const Eigen::Vector2d low = box.min.cwiseMin(record.nadir), high = box.max.cwiseMax(record.nadir);
-  return {{low.x(), low.y()}, {high.x(), high.y()}};
+  return {{std::min(box.west, record.nadir.x()), std::min(box.north, record.nadir.y())},
+          {std::max(box.east, record.nadir.x()), std::max(box.south, record.nadir.y())}};
 }
 
 }  // namespace
@@ -72,7 +71,7 @@ struct FrameIndex::Trees {
   explicit Trees(const geo::TileLattice& lattice_in) : lattice(lattice_in) {}
 
   geo::TileLattice lattice;
-  std::map<std::uint64_t, FrameRecord> records;
+  std::map<std::uint64_t, IndexedFrame> records;
   bgi::rtree<Entry3, bgi::rstar<kNodeEntries>> pyramids;
   bgi::rtree<Entry2, bgi::rstar<kNodeEntries>> grounds;
   std::optional<PlaneBox> area;
@@ -81,12 +80,12 @@ struct FrameIndex::Trees {
   Eigen::Vector2d max_slope = Eigen::Vector2d::Zero();
   double max_ground_height_m = -1e9;
 
-  void account(const FrameRecord& record) {
+  void account(const IndexedFrame& record) {
     if (!record.near_vertical) return;
     const PlaneBox box = boundsOf(record.footprint);
     if (!area) area = box;
-    area->min = area->min.cwiseMin(box.min);
-    area->max = area->max.cwiseMax(box.max);
+    *area = {std::min(area->west, box.west), std::min(area->north, box.north), std::max(area->east, box.east),
+             std::max(area->south, box.south)};
     const double above_m = std::max(record.camera_height_m - record.ground_height_m, 1e-9);
     for (const Eigen::Vector2d& corner : record.footprint)
       max_slope = max_slope.cwiseMax((corner - record.nadir).cwiseAbs() / above_m);
@@ -99,10 +98,10 @@ struct FrameIndex::Trees {
   }
 
   template <typename Ids>
-  [[nodiscard]] std::vector<const FrameRecord*> sorted(Ids& ids) const {
+  [[nodiscard]] std::vector<const IndexedFrame*> sorted(Ids& ids) const {
     std::sort(ids.begin(), ids.end());
     ids.erase(std::unique(ids.begin(), ids.end()), ids.end());
-    std::vector<const FrameRecord*> result;
+    std::vector<const IndexedFrame*> result;
     result.reserve(ids.size());
     for (const std::uint64_t id : ids) result.push_back(&records.at(id));
     return result;
@@ -114,18 +113,18 @@ FrameIndex::~FrameIndex() = default;
 FrameIndex::FrameIndex(FrameIndex&&) noexcept = default;
 FrameIndex& FrameIndex::operator=(FrameIndex&&) noexcept = default;
 
-void FrameIndex::insert(FrameRecord record) {
+void FrameIndex::insert(IndexedFrame record) {
   remove(record.id);
   const auto [it, inserted] = trees_->records.emplace(record.id, std::move(record));
-  const FrameRecord& kept = it->second;
+  const IndexedFrame& kept = it->second;
   trees_->pyramids.insert({boostBox(kept.pyramid_in_ecef), kept.id});
   if (kept.near_vertical) trees_->grounds.insert({groundBox(kept), kept.id});
   trees_->account(kept);
 }
 
-void FrameIndex::rebuild(std::vector<FrameRecord> records) {
+void FrameIndex::rebuild(std::vector<IndexedFrame> records) {
   auto fresh = std::make_unique<Trees>(trees_->lattice);
-  for (FrameRecord& record : records) {
+  for (IndexedFrame& record : records) {
     const std::uint64_t id = record.id;
     fresh->records.insert_or_assign(id, std::move(record));
   }
@@ -144,14 +143,15 @@ void FrameIndex::rebuild(std::vector<FrameRecord> records) {
 bool FrameIndex::remove(std::uint64_t id) {
   const auto it = trees_->records.find(id);
   if (it == trees_->records.end()) return false;
-  const FrameRecord& record = it->second;
+  const IndexedFrame& record = it->second;
   trees_->pyramids.remove({boostBox(record.pyramid_in_ecef), id});
   bool on_border = false;
   if (record.near_vertical) {
     trees_->grounds.remove({groundBox(record), id});
     const PlaneBox box = boundsOf(record.footprint);
-    on_border = (box.min.array() <= trees_->area->min.array()).any() ||
-                (box.max.array() >= trees_->area->max.array()).any();
+    const PlaneBox& area = *trees_->area;
+    on_border =
+        box.west <= area.west || box.north <= area.north || box.east >= area.east || box.south >= area.south;
   }
   trees_->records.erase(it);
   if (on_border) trees_->recomputeArea();
@@ -160,15 +160,15 @@ bool FrameIndex::remove(std::uint64_t id) {
 
 std::size_t FrameIndex::size() const { return trees_->records.size(); }
 
-const FrameRecord* FrameIndex::find(std::uint64_t id) const {
+const IndexedFrame* FrameIndex::find(std::uint64_t id) const {
   const auto it = trees_->records.find(id);
   return it == trees_->records.end() ? nullptr : &it->second;
 }
 
 const geo::TileLattice& FrameIndex::lattice() const { return trees_->lattice; }
 
-std::vector<const FrameRecord*> FrameIndex::framesForTile(const geo::TileKey& key, double min_height_m,
-                                                          double max_height_m) const {
+std::vector<const IndexedFrame*> FrameIndex::framesForTile(const geo::TileKey& key, double min_height_m,
+                                                           double max_height_m) const {
   std::vector<std::uint64_t> ids;
   if (trees_->grounds.empty()) return {};
   const Eigen::Vector2d reach = trees_->max_slope * std::max(0.0, trees_->max_ground_height_m - min_height_m);
@@ -191,7 +191,7 @@ std::vector<const FrameRecord*> FrameIndex::framesForTile(const geo::TileKey& ke
   return trees_->sorted(ids);
 }
 
-std::vector<const FrameRecord*> FrameIndex::framesInBox(const geo::Box3& box_in_ecef) const {
+std::vector<const IndexedFrame*> FrameIndex::framesInBox(const geo::Box3& box_in_ecef) const {
   std::vector<std::uint64_t> ids;
   trees_->pyramids.query(
       bgi::intersects(boostBox(box_in_ecef)),
@@ -199,9 +199,9 @@ std::vector<const FrameRecord*> FrameIndex::framesInBox(const geo::Box3& box_in_
   return trees_->sorted(ids);
 }
 
-std::vector<const FrameRecord*> FrameIndex::framesInFrustum(const Frustum& frustum) const {
+std::vector<const IndexedFrame*> FrameIndex::framesInFrustum(const Frustum& frustum) const {
   auto frames = framesInBox(frustum.box);
-  std::erase_if(frames, [&](const FrameRecord* frame) {
+  std::erase_if(frames, [&](const IndexedFrame* frame) {
     return std::any_of(frustum.planes.begin(), frustum.planes.end(), [&](const Frustum::Plane& plane) {
       return plane.normal.dot(frame->pose.position_in_ecef) > plane.offset &&
              std::all_of(frame->base_in_ecef.begin(), frame->base_in_ecef.end(),
@@ -211,8 +211,8 @@ std::vector<const FrameRecord*> FrameIndex::framesInFrustum(const Frustum& frust
   return frames;
 }
 
-std::vector<const FrameRecord*> FrameIndex::all() const {
-  std::vector<const FrameRecord*> frames;
+std::vector<const IndexedFrame*> FrameIndex::all() const {
+  std::vector<const IndexedFrame*> frames;
   frames.reserve(trees_->records.size());
   for (const auto& [id, record] : trees_->records) frames.push_back(&record);
   return frames;
@@ -220,12 +220,12 @@ std::vector<const FrameRecord*> FrameIndex::all() const {
 
 std::optional<PlaneBox> FrameIndex::area() const { return trees_->area; }
 
-std::vector<geo::TileKey> FrameIndex::tilesUnder(const FrameRecord& record, int zoom) {
+std::vector<geo::TileKey> FrameIndex::tilesUnder(const IndexedFrame& record, int zoom) {
   std::vector<geo::TileKey> keys;
   if (!record.near_vertical) return keys;
   const PlaneBox box = boundsOf(record.footprint);
-  const geo::TileKey first = geo::TileLattice::keyAt(box.min, zoom);
-  const geo::TileKey last = geo::TileLattice::keyAt(box.max, zoom);
+  const geo::TileKey first = geo::TileLattice::keyAt({box.west, box.north}, zoom);
+  const geo::TileKey last = geo::TileLattice::keyAt({box.east, box.south}, zoom);
   for (std::int64_t x = first.x; x <= last.x; ++x)
     for (std::int64_t y = first.y; y <= last.y; ++y)
       if (const geo::TileKey key{zoom, x, y};

@@ -8,15 +8,10 @@
 
 #include "capture/geo/footprint.h"
 #include "capture/geo/tile_lattice.h"
-#include "tiling/index/frame_record.h"
+#include "tiling/index/indexed_frame.h"
+#include "tiling/plane_box.h"
 
 namespace overfly::tiling {
-
-// Axis-aligned rectangle in lattice plane coordinates (px east, py south).
-struct PlaneBox {
-  Eigen::Vector2d min, max;
-  friend bool operator==(const PlaneBox& a, const PlaneBox& b) { return a.min == b.min && a.max == b.max; }
-};
 
 // A convex view volume in ECEF by its outward planes: a point p is inside when normal.dot(p) <= offset for
 // all.
@@ -44,26 +39,26 @@ class FrameIndex {
   FrameIndex& operator=(FrameIndex&&) noexcept;
 
   // Inserts, or replaces the frame of the same id (its pose was corrected).
-  void insert(FrameRecord record);
+  void insert(IndexedFrame record);
   // Many at once (at start, from the store): packed, faster than one by one; replaces all that was there.
-  void rebuild(std::vector<FrameRecord> records);
+  void rebuild(std::vector<IndexedFrame> records);
   // False when there is none of that id.
   bool remove(std::uint64_t id);
 
   [[nodiscard]] std::size_t size() const;
-  [[nodiscard]] const FrameRecord* find(std::uint64_t id) const;
+  [[nodiscard]] const IndexedFrame* find(std::uint64_t id) const;
   [[nodiscard]] const geo::TileLattice& lattice() const;
 
   // Near-vertical frames whose view meets the tile for some surface between the two ellipsoidal heights.
   // For Web Mercator any copy of the tile's x finds the same frames.
-  [[nodiscard]] std::vector<const FrameRecord*> framesForTile(const geo::TileKey& key, double min_height_m,
-                                                              double max_height_m) const;
+  [[nodiscard]] std::vector<const IndexedFrame*> framesForTile(const geo::TileKey& key, double min_height_m,
+                                                               double max_height_m) const;
   // All frames whose view pyramid's box meets the box (ECEF).
-  [[nodiscard]] std::vector<const FrameRecord*> framesInBox(const geo::Box3& box_in_ecef) const;
+  [[nodiscard]] std::vector<const IndexedFrame*> framesInBox(const geo::Box3& box_in_ecef) const;
   // All frames whose view pyramid meets the frustum; never misses one, and may include one that passes close
   // by an edge of it (only the frustum's planes are tried as separating planes).
-  [[nodiscard]] std::vector<const FrameRecord*> framesInFrustum(const Frustum& frustum) const;
-  [[nodiscard]] std::vector<const FrameRecord*> all() const;
+  [[nodiscard]] std::vector<const IndexedFrame*> framesInFrustum(const Frustum& frustum) const;
+  [[nodiscard]] std::vector<const IndexedFrame*> all() const;
 
   // The map's area A (3.2.4): the bounding rectangle of the near-vertical frames' footprints; nullopt
   // without.
@@ -71,7 +66,7 @@ class FrameIndex {
 
   // Tiles at a zoom that a frame's footprint overlaps (figure 3.10's index range, then the polygon itself),
   // in ascending order.
-  [[nodiscard]] static std::vector<geo::TileKey> tilesUnder(const FrameRecord& record, int zoom);
+  [[nodiscard]] static std::vector<geo::TileKey> tilesUnder(const IndexedFrame& record, int zoom);
 
  private:
   struct Trees;

@@ -14,7 +14,7 @@ constexpr int kSamples = 8;  // per axis: places of the tile at which views are 
 constexpr std::size_t kPlaces = kSamples * kSamples;
 
 struct Candidate {
-  const FrameRecord* frame = nullptr;
+  const IndexedFrame* frame = nullptr;
   SelectedView view;
   Eigen::Vector3d sight;  // unit, from the tile's centre to the camera, ECEF
   double worth = 0;       // obliqueness, sharpness, GSD; 0..1
@@ -24,8 +24,8 @@ struct Candidate {
   bool chosen = false;
 };
 
-std::vector<const FrameRecord*> distinctById(std::span<const FrameRecord* const> frames) {
-  std::vector<const FrameRecord*> sorted(frames.begin(), frames.end());
+std::vector<const IndexedFrame*> distinctById(std::span<const IndexedFrame* const> frames) {
+  std::vector<const IndexedFrame*> sorted(frames.begin(), frames.end());
   std::sort(sorted.begin(), sorted.end(), [](auto* a, auto* b) { return a->id < b->id; });
   sorted.erase(std::unique(sorted.begin(), sorted.end(), [](auto* a, auto* b) { return a->id == b->id; }),
                sorted.end());
@@ -50,7 +50,7 @@ double parallaxNovelty(double angle, const ViewSelectionOptions& options) {
   return std::min(1.0, angle / options.parallax_best_from);
 }
 
-std::vector<Candidate> usable(std::span<const FrameRecord* const> frames, const geo::TileLattice& lattice,
+std::vector<Candidate> usable(std::span<const IndexedFrame* const> frames, const geo::TileLattice& lattice,
                               const geo::TileKey& key, double surface_height_m,
                               const ViewSelectionOptions& options) {
   geo::Geodetic centre = lattice.geodeticFromPlane(geo::TileLattice::planeOf(key, 0.5, 0.5));
@@ -60,7 +60,7 @@ std::vector<Candidate> usable(std::span<const FrameRecord* const> frames, const 
   const std::array<Eigen::Vector2d, 4> square = {Eigen::Vector2d(0, 0), Eigen::Vector2d(1, 0),
                                                  Eigen::Vector2d(1, 1), Eigen::Vector2d(0, 1)};
   std::vector<Candidate> candidates;
-  for (const FrameRecord* frame : distinctById(frames)) {
+  for (const IndexedFrame* frame : distinctById(frames)) {
     if (!frame->near_vertical || !(frame->camera_height_m > surface_height_m)) continue;
     Candidate c;
     c.frame = frame;
@@ -112,7 +112,7 @@ void rate(std::vector<Candidate>& candidates) {
 
 }  // namespace
 
-std::vector<SelectedView> selectViews(std::span<const FrameRecord* const> frames,
+std::vector<SelectedView> selectViews(std::span<const IndexedFrame* const> frames,
                                       const geo::TileLattice& lattice, const geo::TileKey& key,
                                       double surface_height_m, const ViewSelectionOptions& options) {
   std::vector<Candidate> candidates = usable(frames, lattice, key, surface_height_m, options);
@@ -154,11 +154,11 @@ std::vector<SelectedView> selectViews(std::span<const FrameRecord* const> frames
   return selected;
 }
 
-std::vector<std::vector<std::uint64_t>> distributeViews(std::span<const FrameRecord* const> frames,
+std::vector<std::vector<std::uint64_t>> distributeViews(std::span<const IndexedFrame* const> frames,
                                                         double surface_height_m, int max_per_set,
                                                         double min_share) {
-  std::vector<const FrameRecord*> sorted = distinctById(frames);
-  std::erase_if(sorted, [](const FrameRecord* frame) { return !frame->near_vertical; });
+  std::vector<const IndexedFrame*> sorted = distinctById(frames);
+  std::erase_if(sorted, [](const IndexedFrame* frame) { return !frame->near_vertical; });
   const std::size_t n = sorted.size();
   if (n == 0 || max_per_set < 2) return {};
 

@@ -3,7 +3,7 @@
 #include <span>
 #include <vector>
 
-#include "tiling/index/frame_record.h"
+#include "tiling/index/indexed_frame.h"
 
 namespace overfly::tiling {
 
@@ -30,7 +30,7 @@ struct SelectedView {
 // worth is its coverage times obliqueness, sharpness (relative to the candidates' median) and GSD (relative
 // to the finest), a place that is already seen n times counts 1 / (1 + n), and a view whose parallax to those
 // already chosen is too small or too large counts less. The first view is the best by worth alone.
-[[nodiscard]] std::vector<SelectedView> selectViews(std::span<const FrameRecord* const> candidates,
+[[nodiscard]] std::vector<SelectedView> selectViews(std::span<const IndexedFrame* const> candidates,
                                                     const geo::TileLattice& lattice, const geo::TileKey& key,
                                                     double surface_height_m,
                                                     const ViewSelectionOptions& options = {});
@@ -43,7 +43,7 @@ struct SelectedView {
 // Where the thesis's text would end a set as soon as no unused overlapping image is left, its own figure 5.3
 // ({A, B}, {B, C}) needs used images to be added too: that is what is done here.
 [[nodiscard]] std::vector<std::vector<std::uint64_t>> distributeViews(
-    std::span<const FrameRecord* const> frames, double surface_height_m, int max_per_set,
+    std::span<const IndexedFrame* const> frames, double surface_height_m, int max_per_set,
     double min_share = 0.05);
 
 }  // namespace overfly::tiling

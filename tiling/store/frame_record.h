@@ -7,17 +7,9 @@
 #include "capture/frame.h"
 #include "capture/geo/footprint.h"
 #include "capture/pose.h"
+#include "tiling/plane_box.h"
 
 namespace overfly::tiling {
-
-// An axis-aligned box in the lattice's plane coordinates (units of whole cells at zoom 0; px east, py south).
-struct PlaneBox {
-  double west = 0, north = 0, east = 0, south = 0;
-  [[nodiscard]] bool intersects(const PlaneBox& other) const {
-    return west < other.east && other.west < east && north < other.south && other.north < south;
-  }
-  friend bool operator==(const PlaneBox&, const PlaneBox&) = default;
-};
 
 enum class FrameState : std::uint8_t {
   Recorded = 0,  // known, not used for a tile yet

@@ -19,8 +19,8 @@ using testing::siteAt;
 using testing::sites;
 using testing::uniform;
 
-std::vector<FrameRecord> someFrames(const Site& site, int most) {
-  std::vector<FrameRecord> frames;
+std::vector<IndexedFrame> someFrames(const Site& site, int most) {
+  std::vector<IndexedFrame> frames;
   const int n = *rc::gen::resize(rc::kNominalSize, rc::gen::inRange(0, most));
   for (int i = 0; i < n; ++i) frames.push_back(*anyFrame(site, static_cast<std::uint64_t>(1000 - 7 * i)));
   return frames;
@@ -28,7 +28,7 @@ std::vector<FrameRecord> someFrames(const Site& site, int most) {
 
 // Whether some of many points of the tile, on some of several surfaces, is in the image: a lower bound of
 // "touches" that knows nothing of footprints, planes or trees.
-bool seesTile(const FrameRecord& record, const geo::TileLattice& lattice, const geo::TileKey& key,
+bool seesTile(const IndexedFrame& record, const geo::TileLattice& lattice, const geo::TileKey& key,
               double low_m, double high_m) {
   for (int i = 0; i <= 12; ++i)
     for (int j = 0; j <= 12; ++j)
@@ -76,7 +76,7 @@ RC_GTEST_PROP(FrameIndexProperty, foundFramesSeeTheTileOrItsSurroundings, ()) {
   const auto at = site.lattice.planeFromGeodetic(site.centre.lat, site.centre.lon, site.anchor_px);
   const geo::TileKey key = geo::TileLattice::keyAt(*at, 18);
   const double h = site.centre.height_m;
-  for (const FrameRecord* f : index.framesForTile(key, h, h + 10)) {
+  for (const IndexedFrame* f : index.framesForTile(key, h, h + 10)) {
     bool near = false;  // at zoom 22 around: a sixteenth of the tile's side
     for (int dx = -1; dx <= 16 && !near; ++dx)
       for (int dy = -1; dy <= 16 && !near; ++dy)
@@ -162,10 +162,10 @@ TEST(FrameIndex, ObliqueFramesAreIndexedButDoNotMakeTheArea) {
   ASSERT_TRUE(index.area());
   const auto alone = *index.area();
   const double metres = site.lattice.metresPerPlaneUnit(site.centre.lat, site.centre.lon);
-  EXPECT_NEAR((alone.max.x() - alone.min.x()) * metres, 400.0 / 3, 0.5);
-  EXPECT_NEAR((alone.max.y() - alone.min.y()) * metres, 100, 0.5);
+  EXPECT_NEAR((alone.east - alone.west) * metres, 400.0 / 3, 0.5);
+  EXPECT_NEAR((alone.south - alone.north) * metres, 100, 0.5);
   index.insert(frame(site, 3, 1000, 0, 100));
-  EXPECT_GT(index.area()->max.x(), alone.max.x());
+  EXPECT_GT(index.area()->east, alone.east);
   index.remove(3);
   EXPECT_EQ(*index.area(), alone);
 }
@@ -188,22 +188,22 @@ TEST(FrameIndex, TilesUnderAFrame) {
   }
 }
 
-TEST(FrameRecord, UnusableFramesAreRefused) {
+TEST(IndexedFrame, UnusableFramesAreRefused) {
   const Site site = siteAt(geo::TileLattice::webMercator(), 48, 9);
   auto pose = frame(site, 1, 0, 0, 100).pose;
   auto model = testing::camera();
   model.fx = 0;
-  EXPECT_FALSE(makeFrameRecord(1, model, pose, 0, site.lattice, 0.5, 400));
+  EXPECT_FALSE(makeIndexedFrame(1, model, pose, 0, site.lattice, 0.5, 400));
   pose.position_in_ecef.setZero();
-  EXPECT_FALSE(makeFrameRecord(1, testing::camera(), pose, 0, site.lattice, 0.5, 400));
+  EXPECT_FALSE(makeIndexedFrame(1, testing::camera(), pose, 0, site.lattice, 0.5, 400));
   pose.position_in_ecef.x() = std::nan("");
-  EXPECT_FALSE(makeFrameRecord(1, testing::camera(), pose, 0, site.lattice, 0.5, 400));
+  EXPECT_FALSE(makeIndexedFrame(1, testing::camera(), pose, 0, site.lattice, 0.5, 400));
 }
 
 // The flat-Earth scaling about the nadir against the footprint that is computed at that height.
-RC_GTEST_PROP(FrameRecordProperty, footprintAtAnotherHeightIsTheComputedOne, ()) {
+RC_GTEST_PROP(IndexedFrameProperty, footprintAtAnotherHeightIsTheComputedOne, ()) {
   const Site site = *rc::gen::elementOf(sites());
-  const FrameRecord record = *anyFrame(site, 1);
+  const IndexedFrame record = *anyFrame(site, 1);
   RC_PRE(record.near_vertical);
   const double height_m = record.ground_height_m + *uniform(-100, 15);
   const auto exact = geo::footprint(record.camera, record.pose, height_m);

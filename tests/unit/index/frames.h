@@ -51,9 +51,9 @@ inline std::vector<Site> sites() {
 }
 
 // A frame `east`, `north` metres from the site's centre, `above` metres over its ground.
-inline FrameRecord frame(const Site& site, std::uint64_t id, double east, double north, double above,
-                         double yaw_deg = 0, double pitch_deg = -90, double roll_deg = 0,
-                         double sharpness = 0) {
+inline IndexedFrame frame(const Site& site, std::uint64_t id, double east, double north, double above,
+                          double yaw_deg = 0, double pitch_deg = -90, double roll_deg = 0,
+                          double sharpness = 0) {
   const geo::LocalFrame local(site.centre);
   const geo::Geodetic at = geo::geodeticFromEcef(local.ecefFromEnu({east, north, above}));
   const geo::LocalFrame there(at);
@@ -62,11 +62,11 @@ inline FrameRecord frame(const Site& site, std::uint64_t id, double east, double
   pose.ecef_from_camera =
       Eigen::Quaterniond(Eigen::Matrix3d(there.enuFromEcefRotation().transpose())) *
       geo::enuFromCamera(geo::radians(yaw_deg), geo::radians(pitch_deg), geo::radians(roll_deg));
-  return makeFrameRecord(id, camera(), pose, sharpness, site.lattice, site.anchor_px, site.centre.height_m)
+  return makeIndexedFrame(id, camera(), pose, sharpness, site.lattice, site.anchor_px, site.centre.height_m)
       .value();
 }
 
-inline rc::Gen<FrameRecord> anyFrame(const Site& site, std::uint64_t id) {
+inline rc::Gen<IndexedFrame> anyFrame(const Site& site, std::uint64_t id) {
   return rc::gen::map(rc::gen::tuple(uniform(-500, 500), uniform(-500, 500), uniform(20, 200),
                                      uniform(-180, 180), uniform(-90, -40), uniform(-20, 20)),
                       [=](const std::tuple<double, double, double, double, double, double>& t) {
@@ -75,9 +75,9 @@ inline rc::Gen<FrameRecord> anyFrame(const Site& site, std::uint64_t id) {
                       });
 }
 
-inline std::vector<std::uint64_t> ids(const std::vector<const FrameRecord*>& frames) {
+inline std::vector<std::uint64_t> ids(const std::vector<const IndexedFrame*>& frames) {
   std::vector<std::uint64_t> result;
-  for (const FrameRecord* f : frames) result.push_back(f->id);
+  for (const IndexedFrame* f : frames) result.push_back(f->id);
   return result;
 }
 

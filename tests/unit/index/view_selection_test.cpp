@@ -24,8 +24,8 @@ using testing::siteAt;
 using testing::sites;
 using testing::uniform;
 
-std::vector<const FrameRecord*> pointers(const std::vector<FrameRecord>& frames) {
-  std::vector<const FrameRecord*> result;
+std::vector<const IndexedFrame*> pointers(const std::vector<IndexedFrame>& frames) {
+  std::vector<const IndexedFrame*> result;
   for (const auto& f : frames) result.push_back(&f);
   return result;
 }
@@ -37,7 +37,7 @@ geo::TileKey tileAt(const Site& site, int zoom) {
 
 RC_GTEST_PROP(ViewSelectionProperty, dependsOnTheSetOnly, ()) {
   const Site site = *rc::gen::elementOf(sites());
-  std::vector<FrameRecord> frames;
+  std::vector<IndexedFrame> frames;
   for (int i = 0; i < 20; ++i) frames.push_back(*anyFrame(site, static_cast<std::uint64_t>(i)));
   auto order = pointers(frames);
   const geo::TileKey key = tileAt(site, 18);
@@ -61,7 +61,7 @@ RC_GTEST_PROP(ViewSelectionProperty, dependsOnTheSetOnly, ()) {
 // A copy of the world to the side sees the same views.
 TEST(ViewSelection, TheTilesCopyOfTheWorldDoesNotMatter) {
   const Site site = siteAt(geo::TileLattice::webMercator(), -16.5, 180);
-  std::vector<FrameRecord> frames;
+  std::vector<IndexedFrame> frames;
   for (int i = 0; i < 5; ++i) frames.push_back(frame(site, static_cast<std::uint64_t>(i), 20 * i, 5, 100));
   const geo::TileKey key = tileAt(site, 19);
   const auto here = selectViews(pointers(frames), site.lattice, key, 400);
@@ -74,8 +74,8 @@ TEST(ViewSelection, TheTilesCopyOfTheWorldDoesNotMatter) {
 TEST(ViewSelection, TheSecondViewIsTheOneWithAParallax) {
   const Site site = siteAt(geo::TileLattice::webMercator(), 48, 9);
   // 1 straight above, 2 almost the same place, 3 a good base (11 deg).
-  const std::vector<FrameRecord> frames = {frame(site, 1, 0, 0, 100), frame(site, 2, 0.2, 0, 100),
-                                           frame(site, 3, 20, 0, 100)};
+  const std::vector<IndexedFrame> frames = {frame(site, 1, 0, 0, 100), frame(site, 2, 0.2, 0, 100),
+                                            frame(site, 3, 20, 0, 100)};
   ViewSelectionOptions options;
   options.max_views = 2;
   const auto views = selectViews(pointers(frames), site.lattice, tileAt(site, 22), 400, options);
@@ -89,7 +89,7 @@ TEST(ViewSelection, CoverageComesBeforeMoreOfTheSame) {
   const geo::Geodetic middle = site.lattice.geodeticFromPlane(geo::TileLattice::planeOf(key, 0.5, 0.5));
   const Site there = siteAt(site.lattice, geo::degrees(middle.lat), geo::degrees(middle.lon));
   // At 30 m a footprint is 40 x 30 m: 1..3 over the west half, 4 over the east half and less sharp.
-  std::vector<FrameRecord> frames;
+  std::vector<IndexedFrame> frames;
   for (int i = 0; i < 3; ++i)
     frames.push_back(frame(there, static_cast<std::uint64_t>(i + 1), -14, 2 * i, 30, 0, -90, 0, 10));
   frames.push_back(frame(there, 4, 22, 0, 30, 0, -90, 0, 8));
@@ -105,7 +105,7 @@ TEST(ViewSelection, SharperNearerAndSteeperIsBetter) {
   const geo::TileKey key = tileAt(site, 22);
   ViewSelectionOptions options;
   options.max_views = 1;
-  const auto best = [&](const std::vector<FrameRecord>& frames) {
+  const auto best = [&](const std::vector<IndexedFrame>& frames) {
     return selectViews(pointers(frames), site.lattice, key, 400, options).at(0).id;
   };
   EXPECT_EQ(best({frame(site, 1, 0, 0, 100, 0, -90, 0, 5), frame(site, 2, 0, 0, 100, 0, -90, 0, 9)}), 2u);
@@ -117,31 +117,31 @@ TEST(ViewSelection, SharperNearerAndSteeperIsBetter) {
 TEST(ViewSelection, NothingFromNowhere) {
   const Site site = siteAt(geo::TileLattice::webMercator(), 48, 9);
   EXPECT_THAT(selectViews({}, site.lattice, tileAt(site, 20), 400), IsEmpty());
-  const std::vector<FrameRecord> frames = {frame(site, 1, 2000, 0, 100), frame(site, 2, 0, 0, 100, 0, -20)};
+  const std::vector<IndexedFrame> frames = {frame(site, 1, 2000, 0, 100), frame(site, 2, 0, 0, 100, 0, -20)};
   EXPECT_THAT(selectViews(pointers(frames), site.lattice, tileAt(site, 20), 400), IsEmpty());
-  const std::vector<FrameRecord> under = {frame(site, 1, 0, 0, 100)};
+  const std::vector<IndexedFrame> under = {frame(site, 1, 0, 0, 100)};
   EXPECT_THAT(selectViews(pointers(under), site.lattice, tileAt(site, 20), 600), IsEmpty());
 }
 
 // Figure 5.3: B overlaps A and C, which do not overlap each other.
 TEST(DistributeViews, Figure53) {
   const Site site = siteAt(geo::TileLattice::webMercator(), 48, 9);
-  const std::vector<FrameRecord> frames = {frame(site, 10, -100, 0, 100), frame(site, 11, 0, 0, 100),
-                                           frame(site, 12, 100, 0, 100)};
+  const std::vector<IndexedFrame> frames = {frame(site, 10, -100, 0, 100), frame(site, 11, 0, 0, 100),
+                                            frame(site, 12, 100, 0, 100)};
   EXPECT_THAT(distributeViews(pointers(frames), 400, 2),
               ElementsAre(ElementsAre(10u, 11u), ElementsAre(12u, 11u)));
 }
 
 TEST(DistributeViews, AFrameThatOverlapsNoneIsLeftOut) {
   const Site site = siteAt(geo::TileLattice::webMercator(), 48, 9);
-  const std::vector<FrameRecord> frames = {frame(site, 1, 0, 0, 100), frame(site, 2, 30, 0, 100),
-                                           frame(site, 3, 900, 0, 100)};
+  const std::vector<IndexedFrame> frames = {frame(site, 1, 0, 0, 100), frame(site, 2, 30, 0, 100),
+                                            frame(site, 3, 900, 0, 100)};
   EXPECT_THAT(distributeViews(pointers(frames), 400, 8), ElementsAre(ElementsAre(1u, 2u)));
 }
 
 RC_GTEST_PROP(DistributeViewsProperty, everyOverlappingFrameIsInASetOfFramesThatOverlapItsFirst, ()) {
   const Site site = siteAt(geo::TileLattice::webMercator(), 48, 9);
-  std::vector<FrameRecord> frames;
+  std::vector<IndexedFrame> frames;
   const int n = *rc::gen::resize(rc::kNominalSize, rc::gen::inRange(0, 30));
   for (int i = 0; i < n; ++i) frames.push_back(*anyFrame(site, static_cast<std::uint64_t>(i)));
   const int most = *rc::gen::inRange(2, 8);

@@ -69,7 +69,7 @@ bool separated(std::span<const Eigen::Vector2d> a, std::span<const Eigen::Vector
   });
 }
 
-std::array<Eigen::Vector2d, 4> footprintInTile(const FrameRecord& record, double height_m,
+std::array<Eigen::Vector2d, 4> footprintInTile(const IndexedFrame& record, double height_m,
                                                const geo::TileKey& key, double turns) {
   auto polygon = record.footprintAt(height_m);
   const Eigen::Vector2d corner = geo::TileLattice::planeOf(key);
@@ -80,12 +80,12 @@ std::array<Eigen::Vector2d, 4> footprintInTile(const FrameRecord& record, double
   return polygon;
 }
 
-double turnsBetween(const FrameRecord& record, const geo::TileKey& key, const geo::TileLattice& lattice) {
+double turnsBetween(const IndexedFrame& record, const geo::TileKey& key, const geo::TileLattice& lattice) {
   if (lattice.kind() != geo::LatticeKind::WebMercator) return 0;
   return std::round(record.footprint[0].x() - geo::TileLattice::planeOf(key, 0.5, 0.5).x());
 }
 
-bool meetsTile(const FrameRecord& record, const geo::TileKey& key, double turns, double min_height_m,
+bool meetsTile(const IndexedFrame& record, const geo::TileKey& key, double turns, double min_height_m,
                double max_height_m) {
   // What the frame sees between the two heights is a truncated pyramid, whose outline in the plane is the
   // convex hull of the footprints at both. Its edges are edges of a footprint, or lie on lines from the nadir

@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "tiling/index/frame_record.h"
+#include "tiling/index/indexed_frame.h"
 
 // Small convex polygons in the plane. Coordinates should be near 0 and of ordinary size (tile units): plane
 // coordinates of a footprint differ in the seventh digit only.
@@ -28,15 +28,15 @@ using Polygon = std::vector<Eigen::Vector2d>;
 
 // The frame's footprint at a height in units of tiles at the key's zoom, (0, 0) the tile's north-west corner.
 // `turns` whole turns of the world are subtracted from px.
-[[nodiscard]] std::array<Eigen::Vector2d, 4> footprintInTile(const FrameRecord& record, double height_m,
+[[nodiscard]] std::array<Eigen::Vector2d, 4> footprintInTile(const IndexedFrame& record, double height_m,
                                                              const geo::TileKey& key, double turns = 0);
 
 // How often the world's width lies between the footprint and the tile (Web Mercator; else 0).
-[[nodiscard]] double turnsBetween(const FrameRecord& record, const geo::TileKey& key,
+[[nodiscard]] double turnsBetween(const IndexedFrame& record, const geo::TileKey& key,
                                   const geo::TileLattice& lattice);
 
 // Whether the frame's view meets the tile's area for some surface height in the range.
-[[nodiscard]] bool meetsTile(const FrameRecord& record, const geo::TileKey& key, double turns,
+[[nodiscard]] bool meetsTile(const IndexedFrame& record, const geo::TileKey& key, double turns,
                              double min_height_m, double max_height_m);
 
 }  // namespace overfly::tiling::detail

@@ -1,4 +1,4 @@
-#include "tiling/index/frame_record.h"
+#include "tiling/index/indexed_frame.h"
 
 #include <fmt/format.h>
 
@@ -9,7 +9,7 @@
 
 namespace overfly::tiling {
 
-std::array<Eigen::Vector2d, 4> FrameRecord::footprintAt(double height_m) const {
+std::array<Eigen::Vector2d, 4> IndexedFrame::footprintAt(double height_m) const {
   const double scale =
       std::max(0.0, (camera_height_m - height_m) / std::max(camera_height_m - ground_height_m, 1e-9));
   std::array<Eigen::Vector2d, 4> corners;
@@ -17,17 +17,17 @@ std::array<Eigen::Vector2d, 4> FrameRecord::footprintAt(double height_m) const {
   return corners;
 }
 
-Result<FrameRecord> makeFrameRecord(std::uint64_t id, const capture::CameraModel& camera,
-                                    const capture::Pose& pose, double sharpness,
-                                    const geo::TileLattice& lattice, double anchor_px, double ground_height_m,
-                                    const FrameRecordOptions& options) {
+Result<IndexedFrame> makeIndexedFrame(std::uint64_t id, const capture::CameraModel& camera,
+                                      const capture::Pose& pose, double sharpness,
+                                      const geo::TileLattice& lattice, double anchor_px,
+                                      double ground_height_m, const IndexedFrameOptions& options) {
   if (const auto problem = camera.problem())
     return fail(ErrorCode::BadInput, fmt::format("frame {}: {}", id, *problem));
   if (!pose.position_in_ecef.allFinite() || !pose.ecef_from_camera.coeffs().allFinite() ||
       !(pose.ecef_from_camera.norm() > 0.5) || !(pose.position_in_ecef.norm() > 1e6))
     return fail(ErrorCode::BadInput, fmt::format("frame {}: its pose is not a place on Earth", id));
 
-  FrameRecord record;
+  IndexedFrame record;
   record.id = id;
   record.camera = camera;
   record.pose = pose;

@@ -12,7 +12,7 @@
 namespace overfly::tiling {
 
 // What the index and the view selection know about one frame: its place, no pixels. Value type.
-struct FrameRecord {
+struct IndexedFrame {
   std::uint64_t id = 0;  // unique within a map; also the order of every result
   capture::CameraModel camera;
   capture::Pose pose;
@@ -40,7 +40,7 @@ struct FrameRecord {
   [[nodiscard]] std::array<Eigen::Vector2d, 4> footprintAt(double height_m) const;
 };
 
-struct FrameRecordOptions {
+struct IndexedFrameOptions {
   double max_tilt = 0.61;  // radians (35 deg): steeper frames make tiles, flatter ones are only indexed
   double oblique_depth_m = 1000;  // length of the view pyramid of a frame that does not meet the ground
   geo::FootprintLimits footprint;
@@ -49,10 +49,10 @@ struct FrameRecordOptions {
 // Derives everything from camera, pose and the ground's ellipsoidal height (the map's, or take-off's).
 // `anchor_px` is the map's: px of its first frame, so that a map across the antimeridian has one range.
 // BadInput for a camera or pose that is unusable; an oblique frame is no error.
-[[nodiscard]] Result<FrameRecord> makeFrameRecord(std::uint64_t id, const capture::CameraModel& camera,
-                                                  const capture::Pose& pose, double sharpness,
-                                                  const geo::TileLattice& lattice, double anchor_px,
-                                                  double ground_height_m,
-                                                  const FrameRecordOptions& options = {});
+[[nodiscard]] Result<IndexedFrame> makeIndexedFrame(std::uint64_t id, const capture::CameraModel& camera,
+                                                    const capture::Pose& pose, double sharpness,
+                                                    const geo::TileLattice& lattice, double anchor_px,
+                                                    double ground_height_m,
+                                                    const IndexedFrameOptions& options = {});
 
 }  // namespace overfly::tiling
