@@ -76,6 +76,7 @@ Result<TileInfo> tileInfo(const Query& row) {  // zoom, x, y, revision, layers, 
 
 struct MapReader::Impl {
   std::filesystem::path path;
+  int tile_size;
   mutable Database database;
 };
 
@@ -98,7 +99,9 @@ Result<MapReader> MapReader::open(const std::filesystem::path& path, const Store
     if (const Result<void> done = detail::checkSchema(*database, path); !done)
       return tl::unexpected(done.error());
     if (const Result<void> done = tune(*database, options); !done) return tl::unexpected(done.error());
-    return MapReader(std::make_unique<Impl>(Impl{path, std::move(*database)}));
+    const Result<MapMeta> meta = detail::readMeta(*database);
+    if (!meta) return tl::unexpected(meta.error());
+    return MapReader(std::make_unique<Impl>(Impl{path, meta->tile_size, std::move(*database)}));
   };
   Result<MapReader> reader = finish(Database::open(path, SQLITE_OPEN_READONLY, options.vfs, kBusyMs));
   if (reader || reader.error().code != ErrorCode::Io) return reader;
@@ -110,6 +113,8 @@ Result<MapReader> MapReader::open(const std::filesystem::path& path, const Store
 }
 
 Result<MapMeta> MapReader::meta() const { return detail::readMeta(impl_->database); }
+
+int MapReader::tileSize() const { return impl_->tile_size; }
 
 Result<std::uint64_t> MapReader::revision() const { return detail::readRevision(impl_->database); }
 
@@ -127,40 +132,39 @@ Result<StoredLayer> MapReader::read(const geo::TileKey& key, Layer layer) const 
 
 namespace {
 
-Result<std::vector<StoredLayer>> layersOf(Database& database, int space, std::int64_t tile,
-                                          const geo::TileKey& key, LayerSet wanted) {
-  std::vector<StoredLayer> stored;
+// The row is as for tileInfo, then the tile's id.
+Result<WholeTile> wholeTile(Database& database, const Query& row, int space, LayerSet wanted) {
+  Result<TileInfo> info = tileInfo(row);
+  if (!info) return tl::unexpected(info.error());
+  WholeTile whole{std::move(*info), {}};
   for (const Layer layer : kLayers) {
     if (!contains(wanted, layer)) continue;
     Query rows =
         database.query("SELECT revision, codec, checksum, min, max, valid, bytes FROM layer WHERE id = ?");
-    rows.bind(detail::layerRow(tile, layer));
-    const Result<bool> row = rows.step();
-    if (!row) return tl::unexpected(row.error());
-    if (!*row || rows.integer(1) == static_cast<int>(Codec::Erased)) continue;
-    Result<StoredLayer> one = storedLayer(rows, 0, space, key, layer);
+    rows.bind(detail::layerRow(row.integer(8), layer));
+    const Result<bool> found = rows.step();
+    if (!found) return tl::unexpected(found.error());
+    if (!*found || rows.integer(1) == static_cast<int>(Codec::Erased)) continue;
+    Result<StoredLayer> one = storedLayer(rows, 0, space, whole.info.key, layer);
     if (!one) return tl::unexpected(one.error());
-    stored.push_back(std::move(*one));
+    whole.layers.push_back(std::move(*one));
   }
-  return stored;
+  return whole;
 }
 
 }  // namespace
 
-Result<std::vector<StoredLayer>> MapReader::readLayers(const geo::TileKey& key, LayerSet layers) const {
+Result<WholeTile> MapReader::readWhole(const geo::TileKey& key, LayerSet layers) const {
   Result<Transaction> snapshot = Transaction::begin(impl_->database, Transaction::Kind::Read);
   if (!snapshot) return tl::unexpected(snapshot.error());
-  std::int64_t tile = 0;
-  {
-    Query rows =
-        impl_->database.query("SELECT id, layers FROM tile WHERE space = 0 AND zoom = ? AND y = ? AND x = ?");
-    rows.bind(key.zoom).bind(key.y).bind(key.x);
-    const Result<bool> row = rows.step();
-    if (!row) return tl::unexpected(row.error());
-    if (!*row || rows.integer(1) == 0) return noTile(key);
-    tile = rows.integer(0);
-  }
-  return layersOf(impl_->database, detail::kSpaceLattice, tile, key, layers);
+  Query rows = impl_->database.query(
+      "SELECT zoom, x, y, revision, layers, gsd_m, provisional, frame_set, id FROM tile "
+      "WHERE space = 0 AND zoom = ? AND y = ? AND x = ?");
+  rows.bind(key.zoom).bind(key.y).bind(key.x);
+  const Result<bool> row = rows.step();
+  if (!row) return tl::unexpected(row.error());
+  if (!*row || rows.integer(4) == 0) return noTile(key);
+  return wholeTile(impl_->database, rows, detail::kSpaceLattice, layers);
 }
 
 Result<std::uint64_t> MapReader::layerRevision(const geo::TileKey& key, Layer layer) const {
@@ -185,29 +189,15 @@ Result<TileInfo> MapReader::info(const geo::TileKey& key) const {
   return tileInfo(rows);
 }
 
-Result<TileInfo> MapReader::topInfo() const {
+Result<WholeTile> MapReader::readTop(LayerSet layers) const {
+  Result<Transaction> snapshot = Transaction::begin(impl_->database, Transaction::Kind::Read);
+  if (!snapshot) return tl::unexpected(snapshot.error());
   Query rows = impl_->database.query(
-      "SELECT zoom, x, y, revision, layers, gsd_m, provisional, frame_set FROM tile WHERE space = 1");
+      "SELECT zoom, x, y, revision, layers, gsd_m, provisional, frame_set, id FROM tile WHERE space = 1");
   const Result<bool> row = rows.step();
   if (!row) return tl::unexpected(row.error());
   if (!*row) return fail(ErrorCode::NotFound, "the map has no top tile yet");
-  return tileInfo(rows);
-}
-
-Result<std::vector<StoredLayer>> MapReader::readTop(LayerSet layers) const {
-  Result<Transaction> snapshot = Transaction::begin(impl_->database, Transaction::Kind::Read);
-  if (!snapshot) return tl::unexpected(snapshot.error());
-  geo::TileKey key;
-  std::int64_t tile = 0;
-  {
-    Query rows = impl_->database.query("SELECT id, zoom, x, y FROM tile WHERE space = 1");
-    const Result<bool> row = rows.step();
-    if (!row) return tl::unexpected(row.error());
-    if (!*row) return fail(ErrorCode::NotFound, "the map has no top tile yet");
-    tile = rows.integer(0);
-    key = {static_cast<int>(rows.integer(1)), rows.integer(2), rows.integer(3)};
-  }
-  return layersOf(impl_->database, detail::kSpaceTop, tile, key, layers);
+  return wholeTile(impl_->database, rows, detail::kSpaceTop, layers);
 }
 
 Result<ChangePage> MapReader::changes(const ChangeCursor& from, const ChangeFilter& filter, std::size_t limit,

@@ -92,6 +92,11 @@ struct TileInfo {
   LayerSet layers = 0;
 };
 
+struct WholeTile {
+  TileInfo info;
+  std::vector<StoredLayer> layers;  // those asked for that there are, by number
+};
+
 // --- changes ---------------------------------------------------------------------------------------------
 
 struct ChangeFilter {
@@ -164,15 +169,16 @@ class MapReader {
   ~MapReader();
 
   [[nodiscard]] Result<MapMeta> meta() const;
+  [[nodiscard]] int tileSize() const;  // as it was when the reader was opened
   [[nodiscard]] Result<std::uint64_t> revision() const;
   [[nodiscard]] Result<StoredLayer> read(const geo::TileKey& key, Layer layer) const;
-  [[nodiscard]] Result<std::vector<StoredLayer>> readLayers(const geo::TileKey& key, LayerSet layers) const;
+  // All of them from one moment.
+  [[nodiscard]] Result<WholeTile> readWhole(const geo::TileKey& key, LayerSet layers) const;
   // The layer's revision without its bytes (for a conditional request).
   [[nodiscard]] Result<std::uint64_t> layerRevision(const geo::TileKey& key, Layer layer) const;
   [[nodiscard]] Result<TileInfo> info(const geo::TileKey& key) const;
   // The special top tile; its key says where its children lie (see TileWrite::top).
-  [[nodiscard]] Result<TileInfo> topInfo() const;
-  [[nodiscard]] Result<std::vector<StoredLayer>> readTop(LayerSet layers) const;
+  [[nodiscard]] Result<WholeTile> readTop(LayerSet layers) const;
 
   // At most `limit` layers and, beyond the first tile, `max_bytes` of them; all wanted layers of a tile come
   // together, so `limit` may be passed by a tile's worth.

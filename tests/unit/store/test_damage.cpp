@@ -44,7 +44,7 @@ TEST_F(DamageTest, AChangedByteIsReportedNotServed) {
   sql("UPDATE layer SET bytes = CAST('9' || substr(bytes, 2) AS BLOB) WHERE id = 2 * 256 + 1");
   const auto reader = MapReader::open(path());
   EXPECT_EQ(reader->read({20, 1, 0}, Layer::Color).error().code, ErrorCode::Corrupt);
-  EXPECT_EQ(reader->readLayers({20, 1, 0}, kAllLayers).error().code, ErrorCode::Corrupt);
+  EXPECT_EQ(reader->readWhole({20, 1, 0}, kAllLayers).error().code, ErrorCode::Corrupt);
   EXPECT_TRUE(reader->read({20, 1, 0}, Layer::Elevation));
   const auto damaged = reader->verify().value();
   ASSERT_EQ(damaged.size(), 1u);

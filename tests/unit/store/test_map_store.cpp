@@ -58,7 +58,7 @@ TEST_F(StoreTest, ATileThatWasNeverStoredIsNotFound) {
   EXPECT_EQ(reader->read({3, 1, 1}, Layer::Color).error().code, ErrorCode::NotFound);
   EXPECT_EQ(reader->info({3, 1, 1}).error().code, ErrorCode::NotFound);
   EXPECT_EQ(reader->bounds(Layer::Color).error().code, ErrorCode::NotFound);
-  EXPECT_EQ(reader->topInfo().error().code, ErrorCode::NotFound);
+  EXPECT_EQ(reader->readTop(kAllLayers).error().code, ErrorCode::NotFound);
 }
 
 TEST_F(StoreTest, EveryChangedTileGetsTheNextRevisionAndAnUnchangedOneKeepsIts) {
@@ -93,8 +93,8 @@ TEST_F(StoreTest, ALayerThatIsNotNamedKeepsWhatItHas) {
   ASSERT_TRUE(store->commit(second));
   const auto reader = store->reader();
   EXPECT_EQ(text(*reader->read({20, 0, 0}, Layer::Color)), "a");
-  EXPECT_EQ(reader->readLayers({20, 0, 0}, kAllLayers)->size(), 3u);
-  EXPECT_EQ(reader->readLayers({20, 0, 0}, only(Layer::Quality) | only(Layer::State))->size(), 1u);
+  EXPECT_EQ(reader->readWhole({20, 0, 0}, kAllLayers)->layers.size(), 3u);
+  EXPECT_EQ(reader->readWhole({20, 0, 0}, only(Layer::Quality) | only(Layer::State))->layers.size(), 1u);
   const TileInfo info = reader->info({20, 0, 0}).value();
   EXPECT_EQ(info.frame_set, (std::vector<std::uint64_t>{3, 9, 1ull << 40}));
   EXPECT_EQ(info.layers, only(Layer::Color) | only(Layer::Elevation) | only(Layer::Quality));
@@ -142,12 +142,12 @@ TEST_F(StoreTest, TheTopTileIsKeyedApartAndReplacedWhenItMoves) {
   ASSERT_TRUE(store->commit(batch));
   const auto reader = store->reader();
   EXPECT_EQ(text(*reader->read({17, 8, 9}, Layer::Color)), "lattice");
-  EXPECT_EQ(text(reader->readTop(only(Layer::Color)).value().at(0)), "top");
+  EXPECT_EQ(text(reader->readTop(only(Layer::Color)).value().layers.at(0)), "top");
   batch.tiles = {tile(16, 3, 3, "higher")};
   batch.tiles[0].top = true;
   ASSERT_TRUE(store->commit(batch));
-  EXPECT_EQ(reader->topInfo()->key, (geo::TileKey{16, 3, 3}));
-  EXPECT_EQ(text(reader->readTop(only(Layer::Color)).value().at(0)), "higher");
+  EXPECT_EQ(reader->readTop(kAllLayers)->info.key, (geo::TileKey{16, 3, 3}));
+  EXPECT_EQ(text(reader->readTop(only(Layer::Color)).value().layers.at(0)), "higher");
   EXPECT_EQ(reader->read({16, 3, 3}, Layer::Color).error().code, ErrorCode::NotFound);
   const auto page = reader->changes({}, {}, 100).value();
   EXPECT_EQ(page.changes.size(), 2u) << "the top tile is not listed";
@@ -320,10 +320,10 @@ TEST_F(StoreTest, ReadersInOtherThreadsSeeWholeBatches) {
   for (int i = 0; i < 3; ++i)
     threads.emplace_back([&, reader = store->reader()] {
       while (!stop) {
-        const auto layers = reader->readLayers({20, 0, 0}, kAllLayers);
-        if (!layers) continue;
+        const auto whole = reader->readWhole({20, 0, 0}, kAllLayers);
+        if (!whole) continue;
         ++seen;
-        if (layers->size() != 2 || text(layers->at(0)) + "h" != text(layers->at(1))) ++torn;
+        if (whole->layers.size() != 2 || text(whole->layers[0]) + "h" != text(whole->layers[1])) ++torn;
       }
     });
   for (int i = 0; i < 200; ++i) {
