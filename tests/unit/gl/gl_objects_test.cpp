@@ -102,7 +102,8 @@ void expectRoundTrip(Context& context, Format format) {
 }
 
 TEST_F(GlObjects, TexelsComeBackAsTheyWentUp) {
-  for (const Format f : {Format::R8, Format::RG8, Format::RGB8, Format::RGBA8, Format::R8UI, Format::RGBA8UI}) {
+  for (const Format f :
+       {Format::R8, Format::RG8, Format::RGB8, Format::RGBA8, Format::R8UI, Format::RGBA8UI}) {
     expectRoundTrip<std::uint8_t>(context(), f);
   }
   for (const Format f :

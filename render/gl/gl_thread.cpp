@@ -1,0 +1,170 @@
+#include "render/gl/gl_thread.h"
+
+#include <utility>
+
+namespace overfly::gl {
+namespace {
+
+const Error kStopped{ErrorCode::Unavailable, "the GPU thread has ended"};
+
+}  // namespace
+
+Result<std::unique_ptr<GlThread>> GlThread::start(const ContextOptions& options) {
+  std::unique_ptr<GlThread> out(new GlThread(options));
+  std::promise<Result<void>> started;
+  auto ready = started.get_future();
+  out->thread_ = std::jthread(
+      [self = out.get()](const std::stop_token& stop, std::promise<Result<void>> promise) {
+        self->serve(stop, std::move(promise));
+      },
+      std::move(started));
+  if (auto done = ready.get(); !done) return tl::unexpected(done.error());
+  return out;
+}
+
+GlThread::~GlThread() {
+  thread_.request_stop();
+  thread_.join();
+}
+
+void GlThread::enqueue(Priority priority, Job job) {
+  job.since = std::chrono::steady_clock::now();
+  {
+    const std::lock_guard lock(mutex_);
+    if (!closed_) {
+      ++stats_.jobs;
+      queues_[static_cast<std::size_t>(priority)].push_back(std::move(job));
+      wake_.notify_one();
+      return;
+    }
+  }
+  job.cancel(kStopped);
+}
+
+std::future<Result<void>> GlThread::submitSliced(Priority priority, std::string name, SlicedWork work) {
+  auto promise = std::make_shared<std::promise<Result<void>>>();
+  auto future = promise->get_future();
+  enqueue(priority, {std::move(name),
+                     [promise, work = std::move(work)](Context& context, const SliceClock& clock) {
+                       try {
+                         const auto done = work(context, clock);
+                         if (done && !*done) {
+                           auto healthy = context.check();
+                           if (healthy) return false;
+                           promise->set_value(std::move(healthy));
+                           return true;
+                         }
+                         if (done) {
+                           promise->set_value({});
+                         } else {
+                           promise->set_value(tl::unexpected(done.error()));
+                         }
+                       } catch (...) {
+                         promise->set_exception(std::current_exception());
+                       }
+                       return true;
+                     },
+                     [promise](const Error& error) { promise->set_value(tl::unexpected(error)); },
+                     {}});
+  return future;
+}
+
+DeviceInfo GlThread::info() const {
+  const std::lock_guard lock(mutex_);
+  return info_;
+}
+
+GlThreadStats GlThread::stats() const {
+  const std::lock_guard lock(mutex_);
+  GlThreadStats out = stats_;
+  out.generation = generation_.load();
+  for (std::size_t i = 0; i < queues_.size(); ++i) out.waiting[i] = queues_[i].size();
+  return out;
+}
+
+// The next job: the front of the highest priority, or of a lower one whose front has lost its patience (the
+// longest waiting of those).
+std::optional<std::pair<int, GlThread::Job>> GlThread::take(const std::stop_token& stop) {
+  std::unique_lock lock(mutex_);
+  const auto any = [this] {
+    for (const auto& queue : queues_) {
+      if (!queue.empty()) return true;
+    }
+    return false;
+  };
+  wake_.wait(lock, stop, any);
+  if (stop.stop_requested()) return std::nullopt;
+  const auto now = std::chrono::steady_clock::now();
+  int chosen = -1, impatient = -1;
+  for (int i = 0; i < kPriorities; ++i) {
+    const auto& queue = queues_[static_cast<std::size_t>(i)];
+    if (queue.empty()) continue;
+    if (chosen < 0) chosen = i;
+    const auto since = queue.front().since;
+    if (now - since >= kPatience &&
+        (impatient < 0 || since < queues_[static_cast<std::size_t>(impatient)].front().since)) {
+      impatient = i;
+    }
+  }
+  if (impatient >= 0) chosen = impatient;
+  auto& queue = queues_[static_cast<std::size_t>(chosen)];
+  std::pair<int, Job> out(chosen, std::move(queue.front()));
+  queue.pop_front();
+  return out;
+}
+
+void GlThread::runSlice(Context& context, int priority, Job job) {
+  const auto begin = std::chrono::steady_clock::now();
+  const bool done = job.slice(context, SliceClock());
+  if (!context.lost()) context.finish();
+  const auto took = std::chrono::steady_clock::now() - begin;
+  const std::lock_guard lock(mutex_);
+  ++stats_.slices;
+  if (took > 2 * SliceClock::kSlice) ++stats_.long_slices;
+  if (took > stats_.longest_slice) {
+    stats_.longest_slice = took;
+    stats_.longest_job = job.name;
+  }
+  if (done) return;
+  job.since = std::chrono::steady_clock::now();
+  queues_[static_cast<std::size_t>(priority)].push_back(std::move(job));
+}
+
+Result<void> GlThread::ensureContext(std::optional<Context>& context) {
+  if (context && !context->lost()) return {};
+  context.reset();  // objects that are still around become empty shells
+  auto made = Context::create(options_);
+  if (!made) return tl::unexpected(made.error());
+  context.emplace(std::move(*made));
+  const std::lock_guard lock(mutex_);
+  info_ = context->info();
+  ++generation_;
+  return {};
+}
+
+void GlThread::serve(const std::stop_token& stop, std::promise<Result<void>> started) {
+  std::optional<Context> context;
+  auto ready = ensureContext(context);
+  const bool usable = ready.has_value();
+  started.set_value(std::move(ready));
+  while (usable) {
+    auto next = take(stop);
+    if (!next) break;
+    if (auto alive = ensureContext(context); alive) {
+      runSlice(*context, next->first, std::move(next->second));
+    } else {
+      next->second.cancel({ErrorCode::Unavailable, alive.error().message});
+    }
+  }
+  std::array<std::deque<Job>, kPriorities> left;
+  {
+    const std::lock_guard lock(mutex_);
+    closed_ = true;
+    left.swap(queues_);
+  }
+  for (auto& queue : left) {
+    for (Job& job : queue) job.cancel(kStopped);
+  }
+}
+
+}  // namespace overfly::gl
