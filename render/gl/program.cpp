@@ -8,6 +8,7 @@
 #include <stdexcept>
 
 #include "render/gl/detail/context_state.h"
+#include "render/gl/portable.h"
 
 namespace overfly::gl {
 namespace {
@@ -94,18 +95,30 @@ std::string infoLog(GLuint name, Get get, Read read) {
 }
 
 // A compiled stage, deleted at the end of linking.
-struct Stage {
+struct CompiledStage {
   GLuint name = 0;
-  Stage() = default;
-  Stage(Stage&& other) noexcept : name(std::exchange(other.name, 0)) {}
-  Stage& operator=(Stage&&) = delete;
-  ~Stage() {
+  CompiledStage() = default;
+  CompiledStage(CompiledStage&& other) noexcept : name(std::exchange(other.name, 0)) {}
+  CompiledStage& operator=(CompiledStage&&) = delete;
+  ~CompiledStage() {
     if (name != 0) glDeleteShader(name);
   }
 };
 
-Result<Stage> compile(GLenum kind, std::span<const ShaderFile> files, std::span<const Define> defines) {
-  Stage stage;
+// In a debugging context a shader that a smaller GPU may refuse is an error, so that tests find it.
+void recordUnportable(detail::ContextState& state, GLenum kind, std::span<const ShaderFile> files,
+                      std::span<const Define> defines) {
+  if (!state.info.debug) return;
+  const Stage stage = kind == GL_COMPUTE_SHADER  ? Stage::Compute
+                      : kind == GL_VERTEX_SHADER ? Stage::Vertex
+                                                 : Stage::Fragment;
+  for (std::string& problem : checkPortable(stage, files, defines)) state.recordError(std::move(problem));
+}
+
+Result<CompiledStage> compile(detail::ContextState& state, GLenum kind, std::span<const ShaderFile> files,
+                              std::span<const Define> defines) {
+  recordUnportable(state, kind, files, defines);
+  CompiledStage stage;
   stage.name = glCreateShader(kind);
   const std::string text = assemble(files, defines);
   const char* begin = text.c_str();
@@ -122,10 +135,10 @@ Result<Stage> compile(GLenum kind, std::span<const ShaderFile> files, std::span<
   return stage;
 }
 
-Result<detail::Object> link(const detail::StatePtr& state, std::span<const Stage> stages,
+Result<detail::Object> link(const detail::StatePtr& state, std::span<const CompiledStage> stages,
                             std::string_view name) {
   detail::Object object(state, detail::ObjectKind::Program, glCreateProgram());
-  for (const Stage& stage : stages) glAttachShader(object.name(), stage.name);
+  for (const CompiledStage& stage : stages) glAttachShader(object.name(), stage.name);
   glLinkProgram(object.name());
   GLint done = GL_FALSE;
   glGetProgramiv(object.name(), GL_LINK_STATUS, &done);
@@ -144,9 +157,9 @@ Result<Program> Program::compute(Context& context, std::span<const ShaderFile> f
   if (auto ready = context.state()->outcome("Compiling a shader"); !ready) {
     return tl::unexpected(ready.error());
   }
-  auto stage = compile(GL_COMPUTE_SHADER, files, defines);
+  auto stage = compile(*context.state(), GL_COMPUTE_SHADER, files, defines);
   if (!stage) return tl::unexpected(stage.error());
-  auto object = link(context.state(), std::span<const Stage>(&*stage, 1), files.back().name);
+  auto object = link(context.state(), std::span<const CompiledStage>(&*stage, 1), files.back().name);
   if (!object) return tl::unexpected(object.error());
   Program out;
   out.object_ = std::move(*object);
@@ -160,11 +173,11 @@ Result<Program> Program::raster(Context& context, std::span<const ShaderFile> ve
   if (auto ready = context.state()->outcome("Compiling a shader"); !ready) {
     return tl::unexpected(ready.error());
   }
-  auto first = compile(GL_VERTEX_SHADER, vertex, defines);
+  auto first = compile(*context.state(), GL_VERTEX_SHADER, vertex, defines);
   if (!first) return tl::unexpected(first.error());
-  auto second = compile(GL_FRAGMENT_SHADER, fragment, defines);
+  auto second = compile(*context.state(), GL_FRAGMENT_SHADER, fragment, defines);
   if (!second) return tl::unexpected(second.error());
-  const std::array<Stage, 2> stages{std::move(*first), std::move(*second)};
+  const std::array<CompiledStage, 2> stages{std::move(*first), std::move(*second)};
   auto object = link(context.state(), stages, fragment.back().name);
   if (!object) return tl::unexpected(object.error());
   Program out;
