@@ -1,0 +1,33 @@
+#include <filesystem>
+
+#include "tests/accuracy/adjust/run_recorded.h"
+
+namespace overfly::tiling::adjust {
+namespace {
+
+TEST(RecordedFlights, BrightonBeachFromRawTelemetry) {
+  const std::string folder = OVERFLY_FLIGHTS_DIR "/brighton-beach";
+  if (!std::filesystem::exists(folder)) GTEST_SKIP() << "no recorded flight " << folder;
+  const auto flight = RecordedFlight::read(folder);
+  const auto out = run(flight, flight.nominal(3.61, 1.55), verbose());
+  EXPECT_EQ(out.adjusted, 18);
+  EXPECT_LT(out.summary.rms_px, 0.6);
+  EXPECT_LT(out.position_rms_m, 0.3);
+  EXPECT_LT(out.rotation_rms_deg, 0.4);
+  EXPECT_NEAR(out.summary.shared.lens[0], flight.reference_camera.fx, 3 * out.summary.sigmas.lens[0]);
+}
+
+TEST(RecordedFlights, CaliterraFromWhatItsCameraRecorded) {
+  const std::string folder = OVERFLY_FLIGHTS_DIR "/caliterra";
+  if (!std::filesystem::exists(folder)) GTEST_SKIP() << "no recorded flight " << folder;
+  const auto flight = RecordedFlight::read(folder);
+  const auto out = run(flight, flight.nominal(4.5, 1.545), verbose());
+  EXPECT_GE(out.adjusted, 68);
+  EXPECT_LT(out.summary.rms_px, 0.6);
+  EXPECT_LT(out.position_rms_m, 0.15);
+  EXPECT_LT(out.rotation_rms_deg, 0.2);
+  EXPECT_NEAR(out.summary.shared.delay_s, 2.5, 0.5);
+}
+
+}  // namespace
+}  // namespace overfly::tiling::adjust

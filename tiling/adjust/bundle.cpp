@@ -1,0 +1,366 @@
+#include "tiling/adjust/bundle.h"
+
+#include <ceres/ceres.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/SparseCholesky>
+#include <Eigen/SparseCore>
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "tiling/adjust/detail/residuals.h"
+
+namespace overfly::tiling::adjust {
+namespace {
+
+using Vector8 = Eigen::Matrix<double, Lens::kSize, 1>;
+using Matrix6 = Eigen::Matrix<double, 6, 6>;
+
+Eigen::Matrix3d sqrtInformation(const Eigen::Matrix3d& covariance) {
+  const Eigen::Matrix3d information = covariance.inverse();
+  return information.llt().matrixU();
+}
+
+// Which entries of a shared block stay: those whose prior sigma is zero, or all.
+template <int N>
+void addSharedBlock(ceres::Problem& problem, Eigen::Matrix<double, N, 1>& value,
+                    const Eigen::Matrix<double, N, 1>& centre, const Eigen::Matrix<double, N, 1>& sigma,
+                    bool free) {
+  problem.AddParameterBlock(value.data(), N);
+  std::vector<int> held;
+  detail::BlockPrior<N> prior{centre, Eigen::Matrix<double, N, 1>::Zero()};
+  for (int i = 0; i < N; ++i) {
+    if (sigma[i] > 0)
+      prior.inverse_sigma[i] = 1 / sigma[i];
+    else
+      held.push_back(i);
+  }
+  if (!free || held.size() == N) {
+    problem.SetParameterBlockConstant(value.data());
+    return;
+  }
+  if (!held.empty()) problem.SetManifold(value.data(), new ceres::SubsetManifold(N, held));
+  problem.AddResidualBlock(
+      new ceres::AutoDiffCostFunction<detail::BlockPrior<N>, N, N>(new detail::BlockPrior<N>(prior)), nullptr,
+      value.data());
+}
+
+struct Blocks {
+  std::vector<std::array<double, 7>> poses;  // position, quaternion x y z w
+  Eigen::Matrix<double, 1, 1> delay;
+};
+
+double median(std::vector<double> values) {
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+// Inverse of the normal equations after the points are eliminated (Schur complement), for the parameter
+// blocks in `kept`, whose tangent sizes sum to the result's size. Points that the rest does not determine
+// get a vanishing weight instead of an infinite variance.
+class ReducedNormal {
+ public:
+  ReducedNormal(ceres::Problem& problem, const std::vector<double*>& kept, const std::vector<double*>& points,
+                int threads) {
+    ceres::Problem::EvaluateOptions evaluate;
+    evaluate.parameter_blocks = kept;
+    evaluate.parameter_blocks.insert(evaluate.parameter_blocks.end(), points.begin(), points.end());
+    evaluate.num_threads = threads;
+    ceres::CRSMatrix jacobian;
+    problem.Evaluate(evaluate, nullptr, nullptr, nullptr, &jacobian);
+    int kept_size = 0;
+    for (const double* block : kept) kept_size += problem.ParameterBlockTangentSize(block);
+    build(jacobian, kept_size, static_cast<int>(points.size()));
+  }
+
+  // Columns [first, first + n) of the inverse, rows the same.
+  [[nodiscard]] Eigen::MatrixXd inverseBlock(int first, int n) const {
+    if (n == 0 || factor_.info() != Eigen::Success) return Eigen::MatrixXd::Zero(n, n);
+    Eigen::MatrixXd unit = Eigen::MatrixXd::Zero(size_, n);
+    unit.block(first, 0, n, n).setIdentity();
+    return factor_.solve(unit).middleRows(first, n);
+  }
+  [[nodiscard]] bool good() const { return factor_.info() == Eigen::Success; }
+
+ private:
+  // One pass over the rows, which come in residual blocks: a row's point columns are at most one triple.
+  void build(const ceres::CRSMatrix& j, int kept_size, int point_count) {
+    size_ = kept_size;
+    struct PointPart {
+      Eigen::Matrix3d v = Eigen::Matrix3d::Zero();
+      std::vector<std::pair<int, Eigen::Vector3d>> w;  // column, coupling
+    };
+    std::vector<PointPart> points(static_cast<std::size_t>(point_count));
+    std::vector<Eigen::Triplet<double>> entries;
+    for (int row = 0; row < j.num_rows; ++row) {
+      const auto begin = static_cast<std::size_t>(j.rows[static_cast<std::size_t>(row)]);
+      const auto end = static_cast<std::size_t>(j.rows[static_cast<std::size_t>(row) + 1]);
+      Eigen::Vector3d p = Eigen::Vector3d::Zero();
+      int point = -1;
+      for (auto i = begin; i < end; ++i) {
+        if (j.cols[i] < kept_size) continue;
+        point = (j.cols[i] - kept_size) / 3;
+        p[(j.cols[i] - kept_size) % 3] = j.values[i];
+      }
+      if (point >= 0) points[static_cast<std::size_t>(point)].v += p * p.transpose();
+      for (auto a = begin; a < end; ++a) {
+        if (j.cols[a] >= kept_size || j.values[a] == 0) continue;
+        if (point >= 0) points[static_cast<std::size_t>(point)].w.emplace_back(j.cols[a], p * j.values[a]);
+        for (auto b = begin; b < end; ++b)
+          if (j.cols[b] <= j.cols[a]) entries.emplace_back(j.cols[a], j.cols[b], j.values[a] * j.values[b]);
+      }
+    }
+    // Points: S -= W V^-1 W^T, over each point's own few columns.
+    std::vector<Eigen::Vector3d> dense;
+    std::vector<int> columns;
+    for (auto& part : points) {
+      std::sort(part.w.begin(), part.w.end(), [](const auto& x, const auto& y) { return x.first < y.first; });
+      columns.clear();
+      dense.clear();
+      for (const auto& [column, w] : part.w) {
+        if (!columns.empty() && columns.back() == column)
+          dense.back() += w;
+        else {
+          columns.push_back(column);
+          dense.push_back(w);
+        }
+      }
+      const Eigen::Matrix3d damped = part.v + Eigen::Matrix3d::Identity() * (1e-12 * part.v.trace() + 1e-12);
+      const Eigen::Matrix3d inverse = damped.inverse();
+      for (std::size_t a = 0; a < columns.size(); ++a) {
+        const Eigen::Vector3d wv = inverse * dense[a];
+        for (std::size_t b = 0; b <= a; ++b) entries.emplace_back(columns[a], columns[b], -wv.dot(dense[b]));
+      }
+      part = {};
+    }
+    Eigen::SparseMatrix<double> reduced(size_, size_);
+    reduced.setFromTriplets(entries.begin(), entries.end());
+    factor_.compute(reduced);
+  }
+
+  int size_ = 0;
+  Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>, Eigen::Lower> factor_;
+};
+
+}  // namespace
+
+Vector8 Lens::parameters() const {
+  Vector8 p = Vector8::Zero();
+  p.head<3>() << model.fx, model.cx, model.cy;
+  for (std::size_t i = 0; i < std::min<std::size_t>(5, model.distortion.size()); ++i)
+    p[static_cast<int>(3 + i)] = model.distortion[i];
+  return p;
+}
+
+capture::CameraModel Lens::with(const Vector8& parameters) const {
+  capture::CameraModel out = model;
+  out.fx = parameters[0];
+  out.fy = parameters[0] * model.fy / model.fx;
+  out.cx = parameters[1];
+  out.cy = parameters[2];
+  if (out.kind == capture::CameraModel::Kind::Fisheye) {
+    out.distortion.assign(parameters.data() + 3, parameters.data() + 7);
+    return out;
+  }
+  if (out.kind == capture::CameraModel::Kind::Pinhole && parameters.tail<5>().isZero()) return out;
+  out.kind = capture::CameraModel::Kind::RadialTangential;
+  if (out.distortion.size() < 4) out.distortion.resize(4, 0);
+  if (out.distortion.size() == 4 && parameters[7] != 0) out.distortion.resize(5, 0);
+  for (std::size_t i = 0; i < std::min<std::size_t>(5, out.distortion.size()); ++i)
+    out.distortion[i] = parameters[static_cast<int>(3 + i)];
+  return out;
+}
+
+std::optional<Eigen::Vector2d> projectWith(const Lens& lens, const Vector8& parameters,
+                                           const Eigen::Vector3d& point_in_camera) {
+  Eigen::Vector2d px;
+  if (!detail::project(detail::LensForm(lens.model), parameters.data(), point_in_camera, px))
+    return std::nullopt;
+  return px;
+}
+
+std::optional<Eigen::Vector2d> reprojectionResidual(const Bundle& bundle, const BundleObservation& o) {
+  const auto& frame = bundle.frames[static_cast<std::size_t>(o.frame)];
+  const auto px = projectWith(bundle.lens, bundle.shared.lens,
+                              frame.enu_from_camera.conjugate() *
+                                  (bundle.points[static_cast<std::size_t>(o.point)] - frame.position));
+  if (!px) return std::nullopt;
+  return *px - o.pixel;
+}
+
+Eigen::Vector3d rotationVector(const Eigen::Quaterniond& q) {
+  const Eigen::AngleAxisd a(q.w() < 0 ? Eigen::Quaterniond(-q.coeffs()) : q);
+  return a.angle() * a.axis();
+}
+
+Eigen::Quaterniond fromRotationVector(const Eigen::Vector3d& v) {
+  const double angle = v.norm();
+  if (angle < 1e-300) return Eigen::Quaterniond::Identity();
+  return Eigen::Quaterniond(Eigen::AngleAxisd(angle, v / angle));
+}
+
+SolveReport solve(Bundle& bundle, const SolveOptions& options) {
+  const auto start = std::chrono::steady_clock::now();
+  SolveReport report;
+  ceres::Problem problem;
+  std::vector<std::array<double, 7>> poses(bundle.frames.size());
+  Eigen::Matrix<double, 1, 1> delay(bundle.shared.delay_s);
+  auto& shared = bundle.shared;
+  const auto& sigmas = bundle.prior_sigmas;
+  const bool free = options.free_shared;
+  addSharedBlock<Lens::kSize>(problem, shared.lens, bundle.prior.lens, sigmas.lens, free);
+  addSharedBlock<3>(problem, shared.boresight, bundle.prior.boresight, sigmas.boresight, free);
+  addSharedBlock<3>(problem, shared.lever_m, bundle.prior.lever_m, sigmas.lever_m, free);
+  addSharedBlock<3>(problem, shared.offset_m, bundle.prior.offset_m, sigmas.offset_m, free);
+  addSharedBlock<1>(problem, delay, Eigen::Matrix<double, 1, 1>(bundle.prior.delay_s),
+                    Eigen::Matrix<double, 1, 1>(sigmas.delay_s), free);
+
+  const detail::LensForm form(bundle.lens.model);
+  auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
+  std::vector<double*> kept;  // parameter blocks in the reduced system: poses first, then shared
+  std::vector<int> frame_column(bundle.frames.size(), -1);
+  int column = 0;
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    auto& frame = bundle.frames[i];
+    frame.enu_from_camera.normalize();
+    std::copy_n(frame.position.data(), 3, poses[i].data());
+    std::copy_n(frame.enu_from_camera.coeffs().data(), 4, poses[i].data() + 3);
+    double *position = poses[i].data(), *rotation = poses[i].data() + 3;
+    problem.AddParameterBlock(position, 3);
+    problem.AddParameterBlock(rotation, 4, new ceres::EigenQuaternionManifold);
+    if (frame.fixed) {
+      problem.SetParameterBlockConstant(position);
+      problem.SetParameterBlockConstant(rotation);
+      continue;  // its telemetry was used when it was adjusted
+    }
+    frame_column[i] = column;
+    column += 6;
+    kept.push_back(position);
+    kept.push_back(rotation);
+    if (frame.has_position_prior)
+      problem.AddResidualBlock(
+          new ceres::AutoDiffCostFunction<detail::PositionPrior, 3, 3, 4, 3, 3, 1>(new detail::PositionPrior{
+              frame.prior_position, frame.displacement, frame.velocity, bundle.shared.delay_s,
+              sqrtInformation(frame.prior_position_covariance)}),
+          new ceres::CauchyLoss(options.prior_loss), position, rotation, shared.lever_m.data(),
+          shared.offset_m.data(), delay.data());
+    if (frame.has_attitude_prior)
+      problem.AddResidualBlock(
+          new ceres::AutoDiffCostFunction<detail::AttitudePrior, 3, 4, 3>(new detail::AttitudePrior{
+              frame.prior_enu_from_camera, frame.turn, sqrtInformation(frame.prior_attitude_covariance)}),
+          new ceres::CauchyLoss(options.prior_loss), rotation, shared.boresight.data());
+  }
+  std::vector<int> seen(bundle.points.size(), 0);
+  for (const auto& o : bundle.observations) {
+    auto& pose = poses[static_cast<std::size_t>(o.frame)];
+    double* point = bundle.points[static_cast<std::size_t>(o.point)].data();
+    seen[static_cast<std::size_t>(o.point)]++;
+    problem.AddResidualBlock(
+        new ceres::AutoDiffCostFunction<detail::Reprojection, 2, 3, 4, 3, Lens::kSize>(
+            new detail::Reprojection{form, o.pixel, 1 / (o.sigma_px > 0 ? o.sigma_px : options.sigma_px)}),
+        new ceres::CauchyLoss(options.loss_px), pose.data(), pose.data() + 3, point, shared.lens.data());
+  }
+  for (const auto& c : bundle.control) {
+    double* point = bundle.points[static_cast<std::size_t>(c.point)].data();
+    problem.AddResidualBlock(new ceres::AutoDiffCostFunction<detail::BlockPrior<3>, 3, 3>(
+                                 new detail::BlockPrior<3>{c.position, c.sigma_m.cwiseInverse()}),
+                             nullptr, point);
+  }
+  std::vector<double*> point_blocks;
+  for (std::size_t i = 0; i < seen.size(); ++i)
+    if (seen[i] > 0) point_blocks.push_back(bundle.points[i].data());
+  for (double* block : point_blocks) ordering->AddElementToGroup(block, 0);
+  std::vector<double*> all;
+  problem.GetParameterBlocks(&all);
+  for (double* block : all)
+    if (!ordering->IsMember(block)) ordering->AddElementToGroup(block, 1);
+
+  ceres::Solver::Options solver;
+  solver.linear_solver_type = kept.size() < 2 * 60 ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
+  solver.linear_solver_ordering = ordering;
+  solver.max_num_iterations = options.max_iterations;
+  solver.num_threads = options.threads;
+  solver.function_tolerance = 1e-5;
+  solver.logging_type = ceres::SILENT;
+  ceres::Solver::Summary summary;
+  ceres::Solve(solver, &problem, &summary);
+  report.usable = summary.IsSolutionUsable();
+  report.message = summary.message;
+  report.iterations = static_cast<int>(summary.iterations.size());
+  if (!report.usable) return report;
+
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    std::copy_n(poses[i].data(), 3, bundle.frames[i].position.data());
+    std::copy_n(poses[i].data() + 3, 4, bundle.frames[i].enu_from_camera.coeffs().data());
+    bundle.frames[i].enu_from_camera.normalize();
+  }
+  shared.delay_s = delay[0];
+
+  std::vector<double> sizes;
+  double sum2 = 0;
+  for (const auto& o : bundle.observations)
+    if (const auto r = reprojectionResidual(bundle, o)) {
+      sizes.push_back(r->norm() / (o.sigma_px > 0 ? o.sigma_px : options.sigma_px));
+      sum2 += r->squaredNorm();
+    }
+  if (!sizes.empty()) {
+    report.rms_px = std::sqrt(sum2 / static_cast<double>(sizes.size()));
+    // |r| of a two-dimensional normal has the median 1.1774 sigma; freedom lost to points and poses.
+    const double unknowns = 3.0 * static_cast<double>(point_blocks.size()) + column;
+    const double measured = 2.0 * static_cast<double>(sizes.size());
+    const double freedom = std::max(0.1, 1 - unknowns / measured);
+    report.sigma0 = median(sizes) / 1.1774 / std::sqrt(freedom);
+  }
+
+  if (options.covariance) {
+    struct SharedRange {
+      double* block;
+      int first = 0, size = 0;
+    };
+    std::vector<SharedRange> ranges;
+    for (double* block : {shared.lens.data(), shared.boresight.data(), shared.lever_m.data(),
+                          shared.offset_m.data(), delay.data()}) {
+      const bool constant = problem.IsParameterBlockConstant(block);
+      ranges.push_back({block, column, constant ? 0 : problem.ParameterBlockTangentSize(block)});
+      if (constant) continue;
+      kept.push_back(block);
+      column += ranges.back().size;
+    }
+    const ReducedNormal normal(problem, kept, point_blocks, options.threads);
+    report.usable = normal.good();
+    if (!normal.good()) report.message = "the normal equations are singular";
+    const double scale = std::max(1.0, report.sigma0 * report.sigma0);
+    report.frame_covariances.assign(poses.size(), Matrix6::Zero());
+    for (std::size_t i = 0; i < poses.size(); ++i) {
+      if (frame_column[i] < 0) continue;
+      Matrix6 c = normal.inverseBlock(frame_column[i], 6);
+      c.bottomRows<3>() *= 2;  // the manifold's tangent is half the rotation vector
+      c.rightCols<3>() *= 2;
+      report.frame_covariances[i] = c * scale;
+    }
+    const auto fill = [&](const SharedRange& range, const auto& prior, auto& out) {
+      const Eigen::MatrixXd c = normal.inverseBlock(range.first, range.size);
+      for (int i = 0, at = 0; i < out.size() && range.size > 0; ++i)
+        if (prior[i] > 0) {
+          out[i] = std::sqrt(std::max(0.0, c(at, at) * scale));
+          out[i] = std::min<double>(out[i], prior[i]);
+          ++at;
+        }
+    };
+    auto& s = report.shared_sigmas;
+    Eigen::Matrix<double, 1, 1> delay_sigma(0.0);
+    fill(ranges[0], sigmas.lens, s.lens);
+    fill(ranges[1], sigmas.boresight, s.boresight);
+    fill(ranges[2], sigmas.lever_m, s.lever_m);
+    fill(ranges[3], sigmas.offset_m, s.offset_m);
+    fill(ranges[4], Eigen::Matrix<double, 1, 1>(sigmas.delay_s), delay_sigma);
+    s.delay_s = delay_sigma[0];
+  }
+  report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  return report;
+}
+
+}  // namespace overfly::tiling::adjust
