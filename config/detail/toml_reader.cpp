@@ -102,12 +102,39 @@ bool blankLine(std::string& text, int line, int fault) {
   return true;
 }
 
+// The first line that begins like a section's header and goes on with what can begin no name, such as "[=":
+// toml++ 3.3 asserts (and under clang assumes) that there is none, so it must not see one. 0: there is none.
+// The lists of lists that look alike ("[{", "[+1") are no setting's value.
+int lineOfBadHeader(std::string_view text) {
+  int line = 1;
+  while (!text.empty()) {
+    const std::size_t end = std::min(text.find('\n'), text.size());
+    std::string_view content = trimmed(text.substr(0, end));
+    if (content.starts_with('[')) {
+      content.remove_prefix(content.starts_with("[[") ? 2 : 1);
+      content = trimmed(content);
+      const auto c = content.empty() ? '\0' : content.front();
+      const bool letter_or_digit = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9');
+      if (!letter_or_digit && std::string_view("-_\"'[]").find(c) == std::string_view::npos) return line;
+    }
+    text.remove_prefix(std::min(end + 1, text.size()));
+    ++line;
+  }
+  return 0;
+}
+
 }  // namespace
 
 TomlText readToml(std::string_view text) {
   TomlText out;
   std::string readable(text);
   for (int fault = 1; fault <= kMostFaults; ++fault) {
+    if (const int line = lineOfBadHeader(readable); line > 0) {
+      out.faults.push_back(
+          faultAt(readable, line, "a section's name begins with a letter, a digit, '-' or '_'"));
+      if (!blankLine(readable, line, fault)) break;
+      continue;
+    }
     const toml::parse_result parsed = toml::parse(std::string_view(readable));
     if (parsed) {
       collect(parsed.table(), out);

@@ -138,6 +138,15 @@ TEST(Load, SyntaxErrorsDoNotHideWhatStandsBelowThem) {
           "f.toml:7: sweep.planes: found 3, allowed a whole number from 8 to 1024"));
 }
 
+// toml++ 3.3 asserts on a header that begins with no name; found by fuzz_settings.
+TEST(Load, AHeaderThatBeginsWithNoNameIsASyntaxError) {
+  for (const char* header : {"[=", "[.a]", "[[ =]]", "[", "[ü]", "[\x01]"}) {
+    EXPECT_THAT(problemsOf(std::string(header) + "\nx = 1\n[sweep]\nplanes = 3\n"),
+                ElementsAre(HasSubstr("f.toml:1: not TOML"), HasSubstr("f.toml:4: sweep.planes")))
+        << header;
+  }
+}
+
 TEST(Load, AKeyGivenTwiceIsAnError) {
   EXPECT_THAT(problemsOf("[sweep]\nplanes = 32\nplanes = 64\n"),
               ElementsAre(HasSubstr("f.toml:3: sweep.planes: not TOML")));
