@@ -1,0 +1,240 @@
+#include "capture/record/recorder.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <mutex>
+#include <set>
+
+#include "capture/image_decode.h"
+#include "capture/record/detail/flight_text.h"
+#include "capture/record/files.h"
+
+namespace overfly::capture {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+constexpr std::size_t kMaxUnsynced = 64;  // images held open for the next sync
+
+std::string bootId() {
+  // A file of /proc has no length: it is read by hand.
+  const FileDescriptor file(::open("/proc/sys/kernel/random/boot_id", O_RDONLY | O_CLOEXEC));
+  char text[36];
+  return file && ::read(file.get(), text, sizeof(text)) == sizeof(text) ? std::string(text, sizeof(text))
+                                                                        : "";
+}
+
+Result<FileDescriptor> openToAppend(const std::filesystem::path& path) {
+  FileDescriptor file(::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0644));
+  if (!file) return systemFailure("cannot create", path);
+  return file;
+}
+
+Result<void> syncFile(const FileDescriptor& file, const std::filesystem::path& path) {
+  if (::fdatasync(file.get()) != 0) return systemFailure("cannot bring to the disk", path);
+  return {};
+}
+
+// Makes new names in a folder last.
+Result<void> syncFolder(const std::filesystem::path& folder) {
+  const FileDescriptor file(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (!file || ::fsync(file.get()) != 0) return systemFailure("cannot bring to the disk", folder);
+  return {};
+}
+
+std::string extensionOf(PixelFormat format) {
+  return format == PixelFormat::Jpeg ? ".jpg" : std::string(".") + nameOf(format);
+}
+
+}  // namespace
+
+// Two locks, taken in this order where both are: frames_mutex guards the images, the table and the cameras;
+// raw_mutex the raw log, so that a slow image does not hold up telemetry.
+class FlightRecorder::Files {
+ public:
+  static Result<std::unique_ptr<Files>> create(const std::filesystem::path& folder, FlightInfo info,
+                                               const RecorderOptions& options) {
+    std::error_code code;
+    std::filesystem::create_directories(folder / "images", code);
+    if (code)
+      return fail(ErrorCode::Io, fmt::format("cannot create {}: {}", folder.string(), code.message()));
+    for (const auto& entry : std::filesystem::directory_iterator(folder, code)) {
+      if (entry.path().filename() != "images") {
+        return fail(ErrorCode::BadInput, fmt::format("{} already holds {}: choose a new folder",
+                                                     folder.string(), entry.path().filename().string()));
+      }
+    }
+    if (code) return fail(ErrorCode::Io, fmt::format("cannot read {}: {}", folder.string(), code.message()));
+    if (info.boot_id.empty()) info.boot_id = bootId();
+
+    auto files = std::unique_ptr<Files>(new Files(folder, options));
+    auto table = openToAppend(folder / "frames.tbl");
+    if (!table) return tl::unexpected(table.error());
+    files->table_ = std::move(*table);
+    auto raw = openToAppend(folder / "raw.log");
+    if (!raw) return tl::unexpected(raw.error());
+    files->raw_ = std::move(*raw);
+    if (auto done = writeAll(files->raw_.get(), bytesOf("OVFRAW1\n"), folder / "raw.log"); !done) {
+      return tl::unexpected(done.error());
+    }
+    if (auto done = files->writeCameras(); !done) return tl::unexpected(done.error());
+    const std::string text = detail::infoText(info);
+    auto written = replaceFile(folder / "flight.json", bytesOf(text));
+    if (!written) return tl::unexpected(written.error());
+    if (auto done = syncFile(*written, folder / "flight.json"); !done) return tl::unexpected(done.error());
+    if (auto done = syncFolder(folder); !done) return tl::unexpected(done.error());
+    return files;
+  }
+
+  Result<void> record(const Frame& frame, const std::optional<RawTelemetry>& raw) {
+    if (const auto problem = problemOf(frame.image)) return fail(ErrorCode::BadInput, *problem);
+    if (const auto problem = frame.camera.problem()) return fail(ErrorCode::BadInput, *problem);
+    const Image& pixels = frame.image;
+    if (pixels.width != 0 && (pixels.width != frame.camera.width || pixels.height != frame.camera.height)) {
+      return fail(ErrorCode::BadInput,
+                  fmt::format("the image is {}x{}, its camera's images are {}x{}", pixels.width,
+                              pixels.height, frame.camera.width, frame.camera.height));
+    }
+    const std::lock_guard lock(frames_mutex_);
+    if (!table_) return fail(ErrorCode::Unavailable, "the recorder is closed");
+    const auto revision = revisionOf(frame);
+    if (!revision) return tl::unexpected(revision.error());
+
+    const std::string name = freeName(frame);
+    const auto path = folder_ / "images" / name;
+    const std::string line =
+        detail::frameLine(frame, *revision, name, frame.image.bytes.size(), crc32Of(frame.image.bytes), raw);
+    if (line.size() > detail::kMaxLine)
+      return fail(ErrorCode::BadInput, "the frame's names are too long to keep");
+    auto image = replaceFile(path, frame.image.bytes);
+    if (!image) return tl::unexpected(image.error());
+    names_.insert(name);
+    unsynced_.push_back(std::move(*image));
+    if (auto done = appendWhole(table_.get(), bytesOf(line), folder_ / "frames.tbl"); !done) return done;
+    ++count_;
+    if (Clock::now() - last_sync_ >= options_.sync_interval || unsynced_.size() >= kMaxUnsynced)
+      return syncLocked();
+    return {};
+  }
+
+  Result<void> record(const RawInput& input) {
+    const auto bytes = encodeRawInput(input);
+    if (!bytes) return tl::unexpected(bytes.error());
+    const std::lock_guard lock(raw_mutex_);
+    if (!raw_) return fail(ErrorCode::Unavailable, "the recorder is closed");
+    return appendWhole(raw_.get(), *bytes, folder_ / "raw.log");
+  }
+
+  Result<void> sync() {
+    const std::lock_guard lock(frames_mutex_);
+    return table_ ? syncLocked() : Result<void>{};
+  }
+
+  Result<void> close() {
+    const std::lock_guard lock(frames_mutex_);
+    if (!table_) return {};
+    auto done = syncLocked();
+    table_ = FileDescriptor();
+    const std::lock_guard raw_lock(raw_mutex_);
+    raw_ = FileDescriptor();
+    return done;
+  }
+
+  std::uint64_t count() const {
+    const std::lock_guard lock(frames_mutex_);
+    return count_;
+  }
+
+ private:
+  Files(std::filesystem::path folder, const RecorderOptions& options)
+      : folder_(std::move(folder)), options_(options) {}
+
+  Result<void> writeCameras() {
+    const std::string text = detail::camerasText(cameras_);
+    const auto written = replaceFile(folder_ / "cameras.json", bytesOf(text));
+    if (!written) return tl::unexpected(written.error());
+    return syncFile(*written, folder_ / "cameras.json");
+  }
+
+  Result<int> revisionOf(const Frame& frame) {
+    int next = 0;
+    for (const FlightCamera& camera : cameras_) {
+      if (camera.id != frame.camera_id) continue;
+      if (camera.model == frame.camera) return camera.revision;
+      next = camera.revision + 1;
+    }
+    cameras_.push_back({frame.camera_id, next, frame.camera});
+    if (auto done = writeCameras(); !done) {
+      cameras_.pop_back();
+      return tl::unexpected(done.error());
+    }
+    return next;
+  }
+
+  // The frame's own name where it can be a file's and is not taken.
+  std::string freeName(const Frame& frame) const {
+    const std::string extension = extensionOf(frame.image.format);
+    std::string name = frame.name;
+    if (!detail::isPlainFileName(name)) name = fmt::format("{:08}{}", frame.sequence, extension);
+    for (int attempt = 2; names_.contains(name); ++attempt) {
+      name = fmt::format("{:08}_{}{}", frame.sequence, attempt, extension);
+    }
+    return name;
+  }
+
+  Result<void> syncLocked() {
+    Result<void> result;
+    const auto keep = [&](Result<void> done) {
+      if (!done && result) result = std::move(done);
+    };
+    for (const FileDescriptor& image : unsynced_) keep(syncFile(image, folder_ / "images"));
+    unsynced_.clear();
+    keep(syncFolder(folder_ / "images"));
+    keep(syncFile(table_, folder_ / "frames.tbl"));
+    // Not under raw_mutex_: the descriptor is only closed with both locks held, and telemetry goes on.
+    keep(syncFile(raw_, folder_ / "raw.log"));
+    last_sync_ = Clock::now();
+    return result;
+  }
+
+  const std::filesystem::path folder_;
+  const RecorderOptions options_;
+  mutable std::mutex frames_mutex_;
+  FileDescriptor table_;
+  std::vector<FlightCamera> cameras_;
+  std::set<std::string> names_;
+  std::vector<FileDescriptor> unsynced_;
+  Clock::time_point last_sync_ = Clock::now();
+  std::uint64_t count_ = 0;
+  std::mutex raw_mutex_;
+  FileDescriptor raw_;
+};
+
+FlightRecorder::FlightRecorder(std::unique_ptr<Files> files) : files_(std::move(files)) {}
+FlightRecorder::FlightRecorder(FlightRecorder&&) noexcept = default;
+FlightRecorder& FlightRecorder::operator=(FlightRecorder&&) noexcept = default;
+
+FlightRecorder::~FlightRecorder() {
+  if (files_) (void)files_->close();
+}
+
+Result<FlightRecorder> FlightRecorder::create(const std::filesystem::path& folder, FlightInfo info,
+                                              const RecorderOptions& options) {
+  auto files = Files::create(folder, std::move(info), options);
+  if (!files) return tl::unexpected(files.error());
+  return FlightRecorder(std::move(*files));
+}
+
+Result<void> FlightRecorder::record(const Frame& frame, const std::optional<RawTelemetry>& raw) {
+  return files_->record(frame, raw);
+}
+Result<void> FlightRecorder::record(const RawInput& input) { return files_->record(input); }
+Result<void> FlightRecorder::sync() { return files_->sync(); }
+Result<void> FlightRecorder::close() { return files_->close(); }
+std::uint64_t FlightRecorder::framesRecorded() const { return files_->count(); }
+
+}  // namespace overfly::capture
