@@ -38,7 +38,7 @@ bool Tile::empty() const {
 bool operator==(const Tile& a, const Tile& b) {
   return a.key == b.key && a.size == b.size && a.color == b.color && sameBits(a.elevation, b.elevation) &&
          a.confidence == b.confidence && a.views == b.views && a.kind == b.kind && a.source == b.source &&
-         a.gsd == b.gsd && a.frame_set == b.frame_set;
+         a.gsd == b.gsd && sameBits(a.elevation_max, b.elevation_max) && a.frame_set == b.frame_set;
 }
 
 std::uint8_t gsdCode(double gsd_m) {
@@ -51,6 +51,7 @@ double gsdFromCode(std::uint8_t code) {
 }
 
 std::vector<float> elevationMax(const Tile& tile) {
+  if (!tile.elevation_max.empty()) return tile.elevation_max;
   const int size = tile.size;
   std::vector<float> across(tile.elevation.size()), bound(tile.elevation.size());
   const auto at = [size](int column, int row) {

@@ -32,12 +32,14 @@ struct Tile {
   std::vector<std::uint8_t> kind;        // TexelKind bits
   std::vector<std::uint16_t> source;     // frame that gave the colour, as an index into frame_set; kNoSource
   std::vector<std::uint8_t> gsd;         // of that frame at the texel, coded: gsdFromCode; 0: unknown
-  std::vector<std::uint64_t> frame_set;  // ids of all frames that the tile is a function of, ascending
+  std::vector<float> elevation_max;      // see elevationMax(): set for parents, empty where it is derived
+  std::vector<std::uint64_t> frame_set;  // ids of all frames that a level-0 tile is a function of, ascending;
+                                         // empty for parents
 
   [[nodiscard]] std::size_t texels() const {
     return static_cast<std::size_t>(size) * static_cast<std::size_t>(size);
   }
-  // All layers present, colour transparent, elevation NaN, everything else "none".
+  // All layers but elevation_max present, colour transparent, elevation NaN, everything else "none".
   [[nodiscard]] static Tile blank(const geo::TileKey& key, int size);
   // True when neither a visible colour nor a height is in it: such a tile is not stored.
   [[nodiscard]] bool empty() const;
@@ -53,8 +55,9 @@ struct Tile {
 
 // The ray-caster's bound: for each texel the largest height that the bilinear surface through the texel
 // centres takes over the texel's square, i.e. the maximum of the 3x3 neighbourhood of texels (only what is
-// inside the tile; a neighbour tile's border is the reader's to add), rounded up to float. NaN where none
-// of the nine has data. size x size values.
+// inside the tile; a neighbour tile's border is the reader's to add). A parent's own elevation_max is used
+// where it is set, and lies above all finer tiles' too. NaN where none of the nine has data. size x size
+// values, each a height of the tile: whoever rounds them rounds up.
 [[nodiscard]] std::vector<float> elevationMax(const Tile& tile);
 // Largest height of the whole tile; nullopt without data.
 [[nodiscard]] std::optional<float> highest(const Tile& tile);

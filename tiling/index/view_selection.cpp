@@ -121,14 +121,14 @@ std::vector<SelectedView> selectViews(std::span<const IndexedFrame* const> frame
   std::vector<SelectedView> selected;
   while (selected.size() < static_cast<std::size_t>(std::max(options.max_views, 0))) {
     Candidate* best = nullptr;
-    double best_gain = 0;
+    double best_gain = std::max(options.min_gain, 0.0);
     for (Candidate& c : candidates) {
       if (c.chosen) continue;
       double sum = 0;
       for (std::size_t place = 0; place < kPlaces; ++place)
         if (c.sees[place])
           sum += views_at[place] == 0 ? 1.0 : c.best_pair[place] * c.novelty[place] / (1.0 + views_at[place]);
-      // The overlap decides among views that see the same places, and for those that see none of them.
+      // The overlap decides among views that see the same places.
       const double gain = c.worth * (sum / kPlaces + 1e-3 * c.view.overlap);
       if (gain > best_gain) {
         best = &c;

@@ -10,6 +10,7 @@ namespace overfly::tiling {
 struct ViewSelectionOptions {
   int max_views = 12;            // more views: more texels seen free of occlusion, more time per tile
   double min_overlap = 0.01;     // share of the tile that a view must cover
+  double min_gain = 0.005;       // a view that adds less is not chosen (one beside another, without parallax)
   double max_obliqueness = 0.7;  // radians between the line of sight and the vertical, where it sees the tile
   // Parallax angles (radians) between two views at the tile: below the first value a pair tells little about
   // height, beyond the last one matching fails; between the middle two it is best.
