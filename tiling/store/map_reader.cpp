@@ -90,10 +90,8 @@ Result<MapReader> MapReader::open(const std::filesystem::path& path, const Store
   if (!kind) return tl::unexpected(kind.error());
   if (*kind == detail::FileKind::Absent)
     return fail(ErrorCode::NotFound, fmt::format("there is no map at {}", path.string()));
-  if (*kind == detail::FileKind::Unfinished)
-    return fail(ErrorCode::BadInput,
-                fmt::format("{} holds no map yet: its creation was interrupted; delete it and map again",
-                            path.string()));
+  if (*kind == detail::FileKind::Empty)
+    return fail(ErrorCode::BadInput, fmt::format("{} is empty; delete it and map again", path.string()));
   const auto finish = [&](Result<Database> database) -> Result<MapReader> {
     if (!database) return tl::unexpected(database.error());
     if (const Result<void> done = detail::checkSchema(*database, path); !done)

@@ -1,9 +1,14 @@
 #include "tiling/store/map_store.h"
 
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <chrono>
+#include <cstdio>
+#include <cstring>
 #include <map>
 #include <mutex>
 #include <random>
@@ -39,6 +44,21 @@ Result<void> checkMeta(const MapMeta& meta) {
   if (meta.base_zoom < 0 || meta.base_zoom > 30)
     return fail(ErrorCode::BadInput,
                 fmt::format("zoom {} for level 0 is not possible; take 0 to 30", meta.base_zoom));
+  return {};
+}
+
+// Never over a file that came there meanwhile, but over an empty one when that was seen.
+Result<void> moveIntoPlace(const std::filesystem::path& fresh, const std::filesystem::path& path,
+                           bool replace) {
+  if (renameat2(AT_FDCWD, fresh.c_str(), AT_FDCWD, path.c_str(), replace ? 0 : RENAME_NOREPLACE) != 0)
+    return fail(ErrorCode::Io, fmt::format("{}: {}", path.string(), std::strerror(errno)));
+  const std::filesystem::path folder =
+      path.has_parent_path() ? path.parent_path() : std::filesystem::path(".");
+  const int descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (descriptor >= 0) {  // else the folder cannot be read: its entry is written sooner or later
+    fsync(descriptor);
+    close(descriptor);
+  }
   return {};
 }
 
@@ -134,13 +154,21 @@ Result<MapStore> MapStore::create(const std::filesystem::path& path, const MapMe
     meta.created_utc_ns = std::chrono::duration_cast<std::chrono::nanoseconds>(
                               std::chrono::system_clock::now().time_since_epoch())
                               .count();
+  // Made whole beside its place, then moved there: no moment shows half a map.
+  const std::filesystem::path fresh = path.string() + ".new";
+  for (const char* suffix : {"", "-journal", "-wal", "-shm"}) {
+    std::error_code ignored;
+    std::filesystem::remove(fresh.string() + suffix, ignored);
+  }
   {
     Result<Database> database =
-        Database::open(path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, options.vfs, kBusyMs);
+        Database::open(fresh, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, options.vfs, kBusyMs);
     if (!database) return tl::unexpected(database.error());
     if (const Result<void> done = detail::createSchema(*database, meta); !done)
       return tl::unexpected(done.error());
   }
+  if (const Result<void> done = moveIntoPlace(fresh, path, *kind == detail::FileKind::Empty); !done)
+    return tl::unexpected(done.error());
   return open(path, options);
 }
 
@@ -149,10 +177,8 @@ Result<MapStore> MapStore::open(const std::filesystem::path& path, const StoreOp
   if (!kind) return tl::unexpected(kind.error());
   if (*kind == detail::FileKind::Absent)
     return fail(ErrorCode::NotFound, fmt::format("there is no map at {}", path.string()));
-  if (*kind == detail::FileKind::Unfinished)
-    return fail(ErrorCode::BadInput,
-                fmt::format("{} holds no map yet: its creation was interrupted; delete it and map again",
-                            path.string()));
+  if (*kind == detail::FileKind::Empty)
+    return fail(ErrorCode::BadInput, fmt::format("{} is empty; delete it and map again", path.string()));
   Result<Database> database = Database::open(path, SQLITE_OPEN_READWRITE, options.vfs, kBusyMs);
   if (!database) return tl::unexpected(database.error());
   if (const Result<void> done = detail::checkSchema(*database, path); !done)

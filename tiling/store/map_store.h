@@ -217,7 +217,8 @@ class MapReader {
 
 class MapStore {
  public:
-  // Makes a new map. BadInput when the file exists and is anything but the empty rest of a killed create().
+  // Makes a new map. BadInput when the file exists and is not empty. A killed create() leaves
+  // nothing at `path`, at most a ".new" file that the next one removes.
   [[nodiscard]] static Result<MapStore> create(const std::filesystem::path& path, const MapMeta& meta,
                                                const StoreOptions& options = {});
   // Opens for writing and migrates an older schema forward. Errors as MapReader::open.

@@ -129,11 +129,10 @@ Result<FileKind> inspect(const std::filesystem::path& path) {
   if (!file) return fail(ErrorCode::Io, fmt::format("{}: {}", path.string(), std::strerror(errno)));
   std::array<char, 100> header{};
   file.read(header.data(), header.size());
-  if (file.gcount() == 0) return FileKind::Unfinished;
+  if (file.gcount() == 0) return FileKind::Empty;
   const bool sqlite = file.gcount() == 100 && std::memcmp(header.data(), "SQLite format 3", 16) == 0;
   const std::uint32_t application = bigEndian(header, 68);
   if (sqlite && application == kApplicationId) return FileKind::Map;
-  if (sqlite && application == 0 && bigEndian(header, 60) == 0) return FileKind::Unfinished;
   return fail(
       ErrorCode::BadInput,
       fmt::format("{} is not an overfly map; name another file (it was left as it is)", path.string()));

@@ -11,8 +11,8 @@ inline constexpr int kApplicationId = 0x4F464C59;  // "OFLY"
 inline constexpr int kSchemaVersion = 1;
 
 // What the first bytes of a file say, before SQLite touches it.
-enum class FileKind { Absent, Unfinished, Map };
-// BadInput for a foreign file, Io when it cannot be read. Unfinished: the rest of a killed create().
+enum class FileKind { Absent, Empty, Map };
+// BadInput for a foreign file, Io when it cannot be read.
 [[nodiscard]] Result<FileKind> inspect(const std::filesystem::path& path);
 
 // Makes the tables in an empty database, in one transaction, and switches it to WAL.
