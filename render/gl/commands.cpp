@@ -138,4 +138,13 @@ void draw(Program& program, Framebuffer& target, const VertexArray& vertices, in
   glBindVertexArray(0);
 }
 
+void resolve(const Framebuffer& from, Framebuffer& to) {
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, from.object().name());
+  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, to.object().name());
+  glDisable(GL_SCISSOR_TEST);
+  glBlitFramebuffer(0, 0, from.width(), from.height(), 0, 0, to.width(), to.height(), GL_COLOR_BUFFER_BIT,
+                    GL_NEAREST);
+  glBindFramebuffer(GL_FRAMEBUFFER, to.object().name());
+}
+
 }  // namespace overfly::gl

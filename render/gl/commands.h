@@ -53,4 +53,7 @@ void drawFullScreen(Program& program, Framebuffer& target, const DrawState& stat
 void draw(Program& program, Framebuffer& target, const VertexArray& vertices, int count, int instances = 1,
           const DrawState& state = {}, Topology topology = Topology::Triangles, int first = 0);
 
+// Averages the samples of the first colour target of `from` into that of `to`, of the same size and format.
+void resolve(const Framebuffer& from, Framebuffer& to);
+
 }  // namespace overfly::gl

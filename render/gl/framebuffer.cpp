@@ -13,7 +13,9 @@ namespace {
 
 void attach(GLenum point, const Attachment& attachment) {
   const GLuint name = attachment.texture->object().name();
-  if (attachment.texture->spec().layers > 0) {
+  if (attachment.texture->spec().samples > 0) {
+    glFramebufferTexture2D(GL_FRAMEBUFFER, point, GL_TEXTURE_2D_MULTISAMPLE, name, 0);
+  } else if (attachment.texture->spec().layers > 0) {
     glFramebufferTextureLayer(GL_FRAMEBUFFER, point, name, attachment.level, attachment.layer);
   } else {
     glFramebufferTexture2D(GL_FRAMEBUFFER, point, GL_TEXTURE_2D, name, attachment.level);

@@ -19,6 +19,7 @@ constexpr std::string_view kPrelude =
     "precision highp int;\n"
     "precision highp sampler2D;\n"
     "precision highp sampler2DArray;\n"
+    "precision highp sampler2DMS;\n"
     "precision highp isampler2D;\n"
     "precision highp usampler2D;\n"
     "precision highp isampler2DArray;\n"

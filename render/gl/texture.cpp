@@ -14,7 +14,10 @@
 namespace overfly::gl {
 namespace {
 
-GLenum target(const TextureSpec& spec) { return spec.layers > 0 ? GL_TEXTURE_2D_ARRAY : GL_TEXTURE_2D; }
+GLenum target(const TextureSpec& spec) {
+  if (spec.samples > 0) return GL_TEXTURE_2D_MULTISAMPLE;
+  return spec.layers > 0 ? GL_TEXTURE_2D_ARRAY : GL_TEXTURE_2D;
+}
 
 GLenum glWrap(Wrap wrap) {
   switch (wrap) {
@@ -138,12 +141,18 @@ Result<Texture> Texture::create(Context& context, const TextureSpec& wanted) {
   glActiveTexture(GL_TEXTURE0);
   glBindTexture(target(spec), name);
   const detail::FormatRow& row = detail::row(spec.format);
-  if (spec.layers > 0) {
+  require(spec.samples == 0 || (spec.layers == 0 && spec.levels == 1), "multi-sampled with layers or levels",
+          spec);
+  if (spec.samples > 0) {
+    glTexStorage2DMultisample(GL_TEXTURE_2D_MULTISAMPLE, spec.samples, row.internal, spec.width, spec.height,
+                              GL_TRUE);
+  } else if (spec.layers > 0) {
     glTexStorage3D(GL_TEXTURE_2D_ARRAY, spec.levels, row.internal, spec.width, spec.height, spec.layers);
   } else {
     glTexStorage2D(GL_TEXTURE_2D, spec.levels, row.internal, spec.width, spec.height);
   }
   if (auto made = state.outcome("Creating a texture"); !made) return tl::unexpected(made.error());
+  if (spec.samples > 0) return out;  // has no sampling state
   Sampling sampling = spec.sampling;
   if (!state.info.support(spec.format).filterable) {
     sampling.magnify = Filter::Nearest;

@@ -28,6 +28,8 @@ struct TextureSpec {
   int height = 0;
   int layers = 0;  // 0: a plain 2D texture, else an array
   int levels = 1;  // mip levels; kFullChain for all down to 1x1
+  int samples =
+      0;  // 0: plain; else multi-sampled: rendered into, resolved (commands.h) or read as sampler2DMS
   Sampling sampling{};
 };
 inline constexpr int kFullChain = 0;

@@ -19,7 +19,10 @@ struct ShaderText {
   [[nodiscard]] float streetLines() const { return street_lines; }
 
 #include "render/scene/shaders/foliage.glsl"
+// Order matters: each file uses the one before.
 #include "render/scene/shaders/material.glsl"
+#include "render/scene/shaders/noise.glsl"
+#include "render/scene/shaders/response.glsl"
 };
 
 }  // namespace

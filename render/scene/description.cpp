@@ -267,7 +267,7 @@ Result<SceneDescription> loadScene(const std::filesystem::path& file_or_name) {
   }
   std::ifstream stream(file);
   if (!stream) {
-    return fail(ErrorCode::BadSettings,
+    return fail(ErrorCode::Unavailable,
                 is_name
                     ? fmt::format("there is no scene \"{}\"; give the path of a scene file", file.string())
                     : fmt::format("{}: cannot be read", file.string()));

@@ -165,8 +165,9 @@ struct SceneDescription {
   std::vector<EffectSettings> effects;  // in the file's order; only those that it names
 };
 
-// Reads and checks a scene. BadSettings: one sentence with file, line and key. A name without '/' and ".toml"
-// is looked for in OVERFLY_SCENES and in the installed and source scenes' folders.
+// Reads and checks a scene. Unavailable: the file is not there; BadSettings: one sentence with file, line and
+// key. A name without '/' and ".toml" is looked for in OVERFLY_SCENES and in the installed and source scenes'
+// folders.
 [[nodiscard]] Result<SceneDescription> loadScene(const std::filesystem::path& file_or_name);
 [[nodiscard]] Result<SceneDescription> parseScene(const std::string& toml, const std::string& file_name);
 

@@ -12,6 +12,7 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr double kNear = 0.05, kFar = 1e5;  // metres
+constexpr glsl::vec3 kSky(0.62f, 0.72f, 0.82f);  // encoded; as GeometryPass clears
 constexpr int kMostTaps = 4;                // of the anisotropic filter, as in shaders/surface.glsl
 
 glsl::vec3 narrow(const Vector3d& v) {
@@ -143,7 +144,10 @@ Picture trace(const Geometry& geometry, const capture::CameraModel& camera,
         const auto i = static_cast<std::size_t>(s);
         const Ray ray = options.samples == 1 ? centre : rayAt(x + kSamples[i][0], y + kSamples[i][1]);
         hits[i] = geometry.firstHit(ray, kNear, kFar);
-        if (!hits[i]) continue;
+        if (!hits[i]) {
+          sum = sum + kSky;
+          continue;
+        }
         // A primitive is shaded once a pixel, at its centre, as a rasteriser with multi-sampling does.
         bool known = false;
         for (std::size_t k = 0; k < i && !known; ++k) {

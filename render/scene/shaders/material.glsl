@@ -1,73 +1,6 @@
-// What surfaces look like: linear albedo as a function of place, compiled twice, as GLSL ES by the rasteriser
-// and as C++ by the ray-tracer and the truth (glsl.h, material.cpp). It keeps to the common subset: no
-// swizzles, literals with f and u, no out-parameters.
-//
-// Lengths are metres. `width` is the side of the pixel's footprint on the surface: detail finer than it is
-// faded out, which is what makes the texture filtered. Nothing repeats unless a material is a man-made grid.
-
-// --- noise -----------------------------------------------------------------------------------------------
-
-uint mixBits(uint h) {
-  h ^= h >> 15;
-  h *= 0x2c1b3c6du;
-  h ^= h >> 12;
-  h *= 0x297a2d39u;
-  h ^= h >> 15;
-  return h;
-}
-
-uint cellHash(int x, int y, uint seed) { return mixBits((uint(x) * 0x9e3779b1u) ^ (uint(y) * 0x85ebca77u) ^ seed); }
-
-// Uniform in [0, 1), 24 bits.
-float unitOf(uint h) { return float(h >> 8) * 5.9604644775390625e-8f; }
-
-// Value noise, cells of side 1, in [-1, 1], C1.
-float valueNoise(vec2 p, uint seed) {
-  float fx = floor(p.x);
-  float fy = floor(p.y);
-  int ix = int(fx);
-  int iy = int(fy);
-  float tx = p.x - fx;
-  float ty = p.y - fy;
-  tx = tx * tx * (3.0f - 2.0f * tx);
-  ty = ty * ty * (3.0f - 2.0f * ty);
-  uint x0 = uint(ix) * 0x9e3779b1u;
-  uint x1 = uint(ix + 1) * 0x9e3779b1u;
-  uint y0 = (uint(iy) * 0x85ebca77u) ^ seed;
-  uint y1 = (uint(iy + 1) * 0x85ebca77u) ^ seed;
-  float a = mix(unitOf(mixBits(x0 ^ y0)), unitOf(mixBits(x1 ^ y0)), tx);
-  float b = mix(unitOf(mixBits(x0 ^ y1)), unitOf(mixBits(x1 ^ y1)), tx);
-  return mix(a, b, ty) * 2.0f - 1.0f;
-}
-
-// What a pixel of side `width` keeps of detail with cells of side `cell`.
-float keptOf(float width, float cell) { return clamp(1.6f - 1.2f * width / cell, 0.0f, 1.0f); }
-
-// Octaves from cells of `coarse` metres down to `fine`, halving; each octave turned against the last so that
-// no axis shows. Amplitudes fall by `gain` an octave. Roughly in [-1, 1] for gain 0.7.
-float octaves(vec2 p, float width, float coarse, float fine, float gain, uint seed) {
-  float sum = 0.0f;
-  float amplitude = 0.5f;
-  float cell = coarse;
-  vec2 q = p * (1.0f / coarse);
-  uint s = seed;
-  while (cell >= fine && cell > 0.75f * width) {
-    sum += amplitude * keptOf(width, cell) * valueNoise(q, s);
-    q = vec2(1.6f * q.x - 1.2f * q.y + 17.3f, 1.2f * q.x + 1.6f * q.y - 9.1f);  // turn by 36.9 deg, scale by 2
-    cell *= 0.5f;
-    amplitude *= gain;
-    s += 0x6d2b79f5u;
-  }
-  return sum;
-}
-
-// 1 inside a stripe of `share` of the period, faded to its mean where the pixel is coarser than the stripe.
-float stripes(float at, float period, float share, float width) {
-  float t = abs(fract(at / period) - 0.5f) * 2.0f;  // 0 in the middle of the stripe
-  float soft = max(width / period, 0.02f);
-  float crisp = 1.0f - smoothstep(share - soft, share + soft, t);
-  return mix(crisp, share, clamp(2.0f * width / period - 0.5f, 0.0f, 1.0f));
-}
+// What surfaces look like: linear albedo as a function of place; after noise.glsl, in the same common subset
+// of GLSL and C++. Texture is filtered over the pixel's footprint, and nothing repeats unless a material is a
+// man-made grid.
 
 // --- the ground ------------------------------------------------------------------------------------------
 
@@ -291,18 +224,4 @@ vec3 solidAlbedo(uint material, uint tint, vec2 uv, float width) {
   }
   colour = colour * (1.0f + contrast * fine + 0.25f * coarse) * (0.78f + 0.44f * piece) * (1.0f - min(joints, 0.85f));
   return vec3(max(colour.x, 0.004f), max(colour.y, 0.004f), max(colour.z, 0.004f));
-}
-
-// --- light -----------------------------------------------------------------------------------------------
-
-// The simulated camera's response is a square root: encoded = sqrt(linear), 1 at saturation.
-vec3 encoded(vec3 radiance) {
-  return vec3(sqrt(clamp(radiance.x, 0.0f, 1.0f)), sqrt(clamp(radiance.y, 0.0f, 1.0f)), sqrt(clamp(radiance.z, 0.0f, 1.0f)));
-}
-
-// Sky from above and sun from towards_sun (unit); `lit` is the share of the sun that arrives.
-vec3 radianceOf(vec3 albedo, vec3 normal, vec3 towards_sun, float lit) {
-  float sun = max(dot(normal, towards_sun), 0.0f) * lit;
-  float sky = 0.5f + 0.5f * normal.z;
-  return albedo * (vec3(2.05f, 1.95f, 1.78f) * sun + vec3(0.44f, 0.51f, 0.62f) * (0.25f + 0.75f * sky));
 }

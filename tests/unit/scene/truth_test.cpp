@@ -4,17 +4,10 @@
 
 #include <cmath>
 
-#include "capture/geo/tile_frame.h"
+#include "tests/unit/scene/scene_fixture.h"
 
 namespace overfly::scene {
 namespace {
-
-std::shared_ptr<const World> worldOf(const std::string& toml) {
-  const Result<SceneDescription> scene =
-      parseScene(toml + "[place]\nlat_deg = 47\nlon_deg = 9\nheight_m = 500\n", "test.toml");
-  if (!scene) throw std::runtime_error(scene.error().message);
-  return *buildWorld(*scene);
-}
 
 // Height that the truth gives over a scene place, above the origin.
 double heightOver(const Truth& truth, double east, double north) {
