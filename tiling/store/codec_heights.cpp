@@ -64,9 +64,15 @@ std::int32_t sum(std::int32_t a, std::int32_t b) {
   return static_cast<std::int32_t>(static_cast<std::uint32_t>(a) + static_cast<std::uint32_t>(b));
 }
 
+// To the nearest integer, ties to even, for |value| < 2^51: what nearbyint does, without the call.
+double rounded(double value) {
+  constexpr double kShift = 0x1.8p52;
+  return (value + kShift) - kShift;
+}
+
 struct Quantised {
   std::vector<std::int32_t> values;
-  std::vector<bool> valid;
+  std::vector<std::uint8_t> valid;  // 1: has data
   bool has_hole = false;
 };
 
@@ -82,13 +88,13 @@ Result<Quantised> quantise(std::span<const float> heights, double step, Rounding
       quantised.has_hole = true;
       continue;
     }
-    double steps = rounding == Rounding::Up ? std::ceil(height / step) : std::nearbyint(height / step);
+    double steps = rounding == Rounding::Up ? std::ceil(height / step) : rounded(height / step);
     if (rounding == Rounding::Up)
       while (static_cast<float>(steps * step) < height) ++steps;
-    if (std::abs(steps) >= 2147483647.0)
+    if (!(std::abs(steps) < 2147483647.0))
       return fail(ErrorCode::BadInput, fmt::format("a height of {} m is out of range", height));
     quantised.values[i] = static_cast<std::int32_t>(steps);
-    quantised.valid[i] = true;
+    quantised.valid[i] = 1;
   }
   return quantised;
 }
@@ -107,7 +113,7 @@ Result<std::vector<std::uint8_t>> pack(Quantised& raster, int size, int block, c
     const std::int32_t* const above = y == 0 ? nullptr : row - size;
     for (int x = 0; x < size; ++x, ++i) {
       const std::int32_t predicted = predict(coding.predictor, row, above, x);
-      if (!raster.valid[i]) {
+      if (raster.valid[i] == 0) {
         row[x] = predicted;  // a hole is as smooth as can be
         continue;
       }
@@ -220,7 +226,7 @@ Result<std::vector<float>> decodeHeights(std::span<const std::uint8_t> bytes, in
 
 float quantisedHeight(float height_m, double step_m) {
   if (!std::isfinite(height_m)) return kHole;
-  return static_cast<float>(std::nearbyint(height_m / step_m) * step_m);
+  return static_cast<float>(rounded(height_m / step_m) * step_m);
 }
 
 Result<std::vector<std::uint8_t>> encodeBound(std::span<const float> bound, int size, int block,
