@@ -1,0 +1,151 @@
+#include <fmt/format.h>
+
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "capture/import/import_flight.h"
+#include "daemon/cli/command.h"
+#include "daemon/cli/progress.h"
+#include "tiling/accuracy/accuracy.h"
+#include "tiling/mapping/batch_map.h"
+
+namespace overfly::cli {
+namespace {
+
+struct Arguments {
+  std::string flight;
+  int images = 0, window = -1, levels = 0, scale = -2, track = 0, match_radius = 0, segment = 0;
+  double step = 0, min_score = -1, smooth = -1;
+  bool regularise = false, one_surface = false;
+};
+
+nlohmann::json asJson(const tiling::ErrorStatistics& s) {
+  return {{"points", s.points},         {"measured", s.measured},
+          {"complete", s.complete},     {"median_gsd", s.median},
+          {"nmad_gsd", s.nmad},         {"rmse_gsd", s.rmse},
+          {"p90_gsd", s.p90},           {"p99_gsd", s.p99},
+          {"beyond_5_gsd", s.beyond_5}, {"beyond_10_gsd", s.beyond_10}};
+}
+
+void printRow(const std::string& name, const tiling::ErrorStatistics& s) {
+  fmt::print("{:<24} {:>8} {:>9.4f} {:>+8.3f} {:>7.3f} {:>7.3f} {:>6.2f} {:>6.2f} {:>8.4f} {:>8.4f}\n", name,
+             s.points, s.complete, s.median, s.nmad, s.rmse, s.p90, s.p99, s.beyond_5, s.beyond_10);
+}
+
+Result<int> run(const Arguments& arguments, const Context& context) {
+  auto flight = capture::importFlight(arguments.flight);
+  if (!flight) return tl::unexpected(flight.error());
+  if (!flight->info().origin)
+    return fail(ErrorCode::BadInput,
+                "the flight has no local origin, so its reference_points.csv cannot be placed");
+  auto points = tiling::readReferencePoints(std::filesystem::path(arguments.flight) / "reference_points.csv",
+                                            *flight->info().origin);
+  if (!points) return tl::unexpected(points.error());
+  auto gl_context = gl::Context::create();
+  if (!gl_context) return tl::unexpected(gl_context.error());
+
+  tiling::BatchOptions options;
+  tiling::SweepOptions& sweep = options.mapper.sweep;
+  if (arguments.images > 0) sweep.max_views = arguments.images;
+  if (arguments.window >= 0) sweep.window_radius = arguments.window;
+  if (arguments.levels > 0) sweep.levels = arguments.levels;
+  if (arguments.step > 0) sweep.plane_step = arguments.step;
+  if (arguments.min_score >= 0) sweep.min_score = arguments.min_score;
+  if (arguments.smooth >= 0) sweep.smooth_planes = arguments.smooth;
+  if (arguments.segment > 0) sweep.min_segment = arguments.segment;
+  if (arguments.match_radius > 0) options.mapper.match.radius = arguments.match_radius;
+  if (arguments.scale >= -1) options.mapper.working_scale = arguments.scale;
+  sweep.regularise = arguments.regularise;
+  sweep.two_surfaces = !arguments.one_surface;
+
+  std::map<geo::TileKey, tiling::Tile> tiles;
+  tiling::BatchEvents events;
+  std::unique_ptr<Progress> progress;
+  std::string stage;
+  events.progress = [&](const std::string& name, std::uint64_t done, std::uint64_t total) {
+    if (name != stage) progress = std::make_unique<Progress>("mapping " + name, total);
+    stage = name;
+    progress->update(done);
+  };
+  events.tile = [&](tiling::Tile&& tile) -> Result<void> {
+    const geo::TileKey key = tile.key;
+    tiles.insert_or_assign(key, std::move(tile));
+    return {};
+  };
+  auto result = tiling::mapFlight(*gl_context, *flight, options, events);
+  progress.reset();
+  if (!result) return tl::unexpected(result.error());
+  const tiling::MapGround& ground = result->ground;
+  const tiling::Comparison comparison = tiling::compare(
+      tiles, ground.lattice, ground.base_zoom, ground.anchor_px, *points, ground.gsd_m, arguments.track);
+  const tiling::MapperStatistics& s = result->statistics;
+  const double per_tile = result->wall_s / static_cast<double>(std::max<std::size_t>(tiles.size(), 1));
+  const double per_frame =
+      result->wall_s / static_cast<double>(std::max<std::uint64_t>(result->frames_used, 1));
+  if (context.json) {
+    fmt::print("{}\n", nlohmann::json{{"flight", arguments.flight},
+                                      {"gsd_m", ground.gsd_m},
+                                      {"ground_height_m", ground.height_m},
+                                      {"base_zoom", ground.base_zoom},
+                                      {"texel_m", ground.texel_m},
+                                      {"cell_zoom", result->cell_zoom},
+                                      {"frames", result->frames_used},
+                                      {"tiles", tiles.size()},
+                                      {"strong_track", comparison.strong_track},
+                                      {"strong", asJson(comparison.strong)},
+                                      {"all", asJson(comparison.all)},
+                                      {"wall_s", result->wall_s},
+                                      {"s_per_tile", per_tile},
+                                      {"s_per_frame", per_frame},
+                                      {"samples", s.samples},
+                                      {"stages_s",
+                                       {{"rectify", s.rectify_s},
+                                        {"match_images", s.match_s},
+                                        {"sweep", s.sweep_s},
+                                        {"blend", s.blend_s},
+                                        {"orthophoto", s.ortho_s}}}}
+                           .dump(2));
+    return kOk;
+  }
+  fmt::print(
+      "{}: GSD {:.2f} cm, ground at {:.1f} m, tiles at zoom {} ({:.2f} cm a texel), swept at zoom {}\n\n",
+      arguments.flight, 100 * ground.gsd_m, ground.height_m, ground.base_zoom, 100 * ground.texel_m,
+      result->cell_zoom);
+  fmt::print("{:<24} {:>8} {:>9} {:>8} {:>7} {:>7} {:>6} {:>6} {:>8} {:>8}\n", "errors in GSD", "points",
+             "complete", "median", "NMAD", "RMSE", "p90", "p99", "> 5", "> 10");
+  printRow(fmt::format("strong (track >= {})", comparison.strong_track), comparison.strong);
+  printRow("all", comparison.all);
+  fmt::print("\n{} tiles from {} frames in {:.1f} s: {:.3f} s per tile, {:.3f} s per frame\n", tiles.size(),
+             result->frames_used, result->wall_s, per_tile, per_frame);
+  fmt::print(
+      "rectify {:.1f} s, match images {:.1f} s, sweep {:.1f} s ({:.0f} M samples, {} cells), blend {:.1f} s, "
+      "orthophoto {:.1f} s\n",
+      s.rectify_s, s.match_s, s.sweep_s, static_cast<double>(s.samples) / 1e6, s.cells_swept, s.blend_s,
+      s.ortho_s);
+  for (const std::string& refused : result->refused) fmt::print("not used: {}\n", refused);
+  return kOk;
+}
+
+void build(CLI::App& command, Context& context) {
+  auto arguments = std::make_shared<Arguments>();
+  command.add_option("FLIGHT", arguments->flight, "folder of a flight with reference_points.csv")->required();
+  command.add_option("--images", arguments->images, "views per cell, 2..14");
+  command.add_option("--window", arguments->window, "radius of the support window, texels");
+  command.add_option("--levels", arguments->levels, "levels of the coarse-to-fine search");
+  command.add_option("--step", arguments->step, "distance of planes, texels of parallax");
+  command.add_option("--min-score", arguments->min_score, "correlation below which there is no height");
+  command.add_option("--smooth", arguments->smooth, "edge-preserving smoothing, planes");
+  command.add_option("--segment", arguments->segment, "smallest island kept, texels");
+  command.add_option("--match-radius", arguments->match_radius, "radius of the local normalisation, pixels");
+  command.add_option("--working-scale", arguments->scale, "sweep on texels 2^N times the map's; -1: by GSD");
+  command.add_option("--track", arguments->track, "frames that must see a strong point; 0: the mean");
+  command.add_flag("--regularise", arguments->regularise, "semi-global aggregation on the coarsest grid");
+  command.add_flag("--one-surface", arguments->one_surface, "no second search at steps");
+  context.onRun(command, [arguments, &context]() -> Result<int> { return run(*arguments, context); });
+}
+
+const Registered registered{"accuracy", "maps a flight and compares its heights with reference points",
+                            build};
+
+}  // namespace
+}  // namespace overfly::cli

@@ -1,0 +1,98 @@
+#include "tiling/mapping/batch_map.h"
+
+#include <algorithm>
+#include <chrono>
+#include <set>
+
+namespace overfly::tiling {
+namespace {
+
+// Frames to settle the ground with: enough pairs for a median, spread over the flight.
+constexpr std::size_t kGroundFrames = 12;
+
+}  // namespace
+
+Result<BatchResult> mapFlight(gl::Context& context, const capture::Flight& flight,
+                              const BatchOptions& options, const BatchEvents& events) {
+  const auto start = std::chrono::steady_clock::now();
+  BatchResult result;
+  auto created = Mapper::create(context, options.mapper);
+  if (!created) return tl::unexpected(created.error());
+  Mapper& mapper = **created;
+  const auto progress = [&](const std::string& stage, std::uint64_t done, std::uint64_t total) {
+    if (events.progress) events.progress(stage, done, total);
+  };
+
+  // Runs of neighbouring frames from four places of the flight.
+  std::vector<std::size_t> posed;
+  for (std::size_t i = 0; i < flight.size(); ++i)
+    if (flight.at(i).frame.pose) posed.push_back(i);
+  std::vector<Thumbnail> first;
+  std::vector<capture::CameraModel> cameras;
+  std::set<std::size_t> wanted;
+  const std::size_t runs = std::max<std::size_t>(1, std::min<std::size_t>(4, posed.size() / 3));
+  for (std::size_t run = 0; run < runs; ++run)
+    for (std::size_t k = 0; k < kGroundFrames / runs; ++k)
+      if (const std::size_t at = run * posed.size() / runs + k; at < posed.size()) wanted.insert(posed[at]);
+  for (const std::size_t i : wanted) {
+    auto frame = flight.load(i);
+    if (!frame) continue;
+    auto thumbnail = mapper.thumbnailOf(i, *frame);
+    if (!thumbnail) continue;
+    first.push_back(std::move(*thumbnail));
+    cameras.push_back((*frame)->camera);
+  }
+  auto ground = Mapper::settleGround(first, cameras, options.lattice, options.mapper.tile_size,
+                                     options.ground_height_m, options.gsd_m);
+  if (!ground && !options.ground_height_m && flight.info().ground_height_m)
+    ground = Mapper::settleGround(first, cameras, options.lattice, options.mapper.tile_size,
+                                  flight.info().ground_height_m, options.gsd_m);
+  if (!ground) return tl::unexpected(ground.error());
+  mapper.setGround(*ground);
+  result.ground = *ground;
+  result.cell_zoom = mapper.cellZoom();
+  if (events.ground)
+    if (auto ok = events.ground(*ground); !ok) return tl::unexpected(ok.error());
+
+  std::set<geo::TileKey> cells;
+  for (std::size_t i = 0; i < flight.size(); ++i) {
+    progress("frames", i, flight.size());
+    auto frame = flight.load(i);
+    if (!frame) {
+      result.refused.push_back(flight.at(i).frame.name + ": " + frame.error().message);
+      continue;
+    }
+    auto touched = mapper.addFrame(i, *frame, [&flight, i] { return flight.load(i); });
+    if (!touched) {
+      if (touched.error().code == ErrorCode::Unavailable) return tl::unexpected(touched.error());
+      result.refused.push_back((*frame)->name + ": " + touched.error().message);
+      continue;
+    }
+    ++result.frames_used;
+    cells.insert(touched->begin(), touched->end());
+    if (events.frame)
+      if (auto ok = events.frame(i, flight.at(i), *mapper.index().find(i)); !ok)
+        return tl::unexpected(ok.error());
+  }
+  // No cell has been coloured yet: none is to be made again.
+  (void)mapper.balanceExposure();
+
+  std::vector<geo::TileKey> order(cells.begin(), cells.end());
+  std::sort(order.begin(), order.end(), [](const geo::TileKey& a, const geo::TileKey& b) {
+    return std::pair(a.y, a.x) < std::pair(b.y, b.x);
+  });
+  std::uint64_t done = 0;
+  for (const geo::TileKey& cell : order) {
+    progress("cells", done++, order.size());
+    auto tiles = mapper.finishCell(cell);
+    if (!tiles) return tl::unexpected(tiles.error());
+    for (Tile& tile : *tiles)
+      if (auto ok = events.tile(std::move(tile)); !ok) return tl::unexpected(ok.error());
+  }
+  progress("cells", order.size(), order.size());
+  result.statistics = mapper.statistics();
+  result.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  return result;
+}
+
+}  // namespace overfly::tiling

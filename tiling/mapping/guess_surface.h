@@ -1,0 +1,13 @@
+#pragma once
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace overfly::tiling {
+
+// Heights everywhere: where there are none (NaN), the surroundings' mean at the finest scale that has any
+// (push-pull over a pyramid); `fallback_m` when the whole field is empty. For projecting colour only, never
+// stored as elevation. side x side values.
+[[nodiscard]] std::vector<float> guessSurface(std::span<const float> height, int side, double fallback_m);
+
+}  // namespace overfly::tiling

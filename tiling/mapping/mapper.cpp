@@ -1,0 +1,476 @@
+#include "tiling/mapping/mapper.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <list>
+#include <map>
+#include <numeric>
+#include <set>
+#include <utility>
+
+#include "capture/geo/tile_frame.h"
+#include "tiling/mapping/exposure_balance.h"
+#include "tiling/mapping/ground_estimate.h"
+#include "tiling/mapping/guess_surface.h"
+#include "tiling/mapping/height_mosaic.h"
+#include "tiling/rectify/frame_cache.h"
+#include "tiling/sweep/height_filter.h"
+#include "tiling/sweep/orthophoto.h"
+
+namespace overfly::tiling {
+namespace {
+
+constexpr int kSurfaceMargin = 96;  // sweep texels around a cell in which occluders are looked for
+constexpr int kThumbnailLevel = 3;
+
+class Stopwatch {
+ public:
+  explicit Stopwatch(double& total) : total_(total), start_(std::chrono::steady_clock::now()) {}
+  ~Stopwatch() { total_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count(); }
+  Stopwatch(const Stopwatch&) = delete;
+  Stopwatch& operator=(const Stopwatch&) = delete;
+
+ private:
+  double& total_;
+  std::chrono::steady_clock::time_point start_;
+};
+
+// A cell as it was last swept.
+struct SweptCell {
+  HeightField field;
+  std::vector<std::uint64_t> views;  // in the order of their choice
+  std::vector<capture::Pose> poses;  // at that time
+  std::uint64_t last_use = 0;
+};
+
+bool samePose(const capture::Pose& a, const capture::Pose& b) {
+  return a.position_in_ecef == b.position_in_ecef &&
+         a.ecef_from_camera.coeffs() == b.ecef_from_camera.coeffs();
+}
+
+bool inPolygon(const std::array<Eigen::Vector2d, 4>& polygon, const Eigen::Vector2d& point) {
+  int positive = 0, negative = 0;
+  for (std::size_t i = 0; i < 4; ++i) {
+    const Eigen::Vector2d side = polygon[(i + 1) % 4] - polygon[i], to = point - polygon[i];
+    const double cross = side.x() * to.y() - side.y() * to.x();
+    (cross > 0 ? positive : negative) += 1;
+  }
+  return positive == 0 || negative == 0;
+}
+
+}  // namespace
+
+struct Mapper::Impl {
+  gl::Context* context = nullptr;
+  MapperOptions options;
+  MapGround ground;
+  int scale = 0;  // the working scale in force
+  std::unique_ptr<FrameIndex> index;
+  std::unique_ptr<FrameCache> cache;
+  std::unique_ptr<MatchImageMaker> matcher;
+  std::unique_ptr<Sweeper> sweeper;
+  std::unique_ptr<Orthographer> orthographer;
+  std::map<std::uint64_t, std::pair<capture::CameraModel, Loader>> loaders;
+  // Match images of frames that the cache still holds.
+  std::map<std::uint64_t, std::pair<std::weak_ptr<const RectifiedFrame>, gl::Texture>> match_images;
+  std::map<geo::TileKey, SweptCell> cells;
+  std::uint64_t clock = 0;
+  ExposureBalance balance;
+  std::map<std::uint64_t, float> gains;
+  MapperStatistics statistics;
+
+  struct Held {
+    RectifiedPtr frame;
+    const gl::Texture* match = nullptr;
+  };
+  Result<Held> hold(std::uint64_t id, bool with_match);
+  Result<SweptCell*> swept(const geo::TileKey& cell, bool* changed);
+  std::vector<const IndexedFrame*> colourViews(const geo::TileKey& cell) const;
+  Result<std::vector<Tile>> colour(const geo::TileKey& cell, HeightMosaic mosaic,
+                                   std::set<std::uint64_t> frame_set);
+  void forgetOldCells();
+};
+
+Mapper::Mapper(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Mapper::~Mapper() = default;
+
+Result<std::unique_ptr<Mapper>> Mapper::create(gl::Context& context, const MapperOptions& options) {
+  auto impl = std::make_unique<Impl>();
+  impl->context = &context;
+  impl->options = options;
+  auto rectifier = Rectifier::create(context);
+  if (!rectifier) return tl::unexpected(rectifier.error());
+  impl->cache = std::make_unique<FrameCache>(std::move(*rectifier), options.frame_cache_bytes);
+  auto matcher = MatchImageMaker::create(context, options.match);
+  if (!matcher) return tl::unexpected(matcher.error());
+  impl->matcher = std::move(*matcher);
+  auto sweeper = Sweeper::create(context);
+  if (!sweeper) return tl::unexpected(sweeper.error());
+  impl->sweeper = std::move(*sweeper);
+  auto orthographer = Orthographer::create(context);
+  if (!orthographer) return tl::unexpected(orthographer.error());
+  impl->orthographer = std::move(*orthographer);
+  return std::unique_ptr<Mapper>(new Mapper(std::move(impl)));
+}
+
+Result<MapGround> Mapper::settleGround(std::span<const Thumbnail> first_frames,
+                                       std::span<const capture::CameraModel> cameras,
+                                       const geo::TileLattice& lattice, int tile_size,
+                                       std::optional<double> ground_height_m, std::optional<double> gsd_m) {
+  if (first_frames.empty() || cameras.empty())
+    return fail(ErrorCode::BadInput, "no frame with a pose to settle the map's place from");
+  MapGround ground;
+  ground.lattice = lattice;
+  auto estimate = estimateGround(first_frames);
+  if (!estimate && !ground_height_m) return tl::unexpected(estimate.error());
+  std::vector<double> heights;
+  for (const Thumbnail& frame : first_frames)
+    heights.push_back(geo::geodeticFromEcef(frame.pose.position_in_ecef).height_m);
+  std::nth_element(heights.begin(), heights.begin() + static_cast<std::ptrdiff_t>(heights.size() / 2),
+                   heights.end());
+  const double camera = heights[heights.size() / 2];
+  const double highest_camera = *std::max_element(heights.begin(), heights.end());
+  ground.height_m = ground_height_m ? *ground_height_m : estimate->height_m;
+  const double above = camera - ground.height_m;
+  if (!(above > 0.5))
+    return fail(
+        ErrorCode::BadInput,
+        fmt::format(
+            "the cameras would be {:.1f} m above the ground at {:.1f} m: give its height with --ground",
+            above, ground.height_m));
+  // Sloping ground shows in the spread of the pairs; a pair that lies far off is an error, not a slope.
+  const double slope_down =
+      estimate ? std::clamp(ground.height_m - estimate->lowest_m, 0.0, 0.3 * above) : 0.0;
+  const double slope_up =
+      estimate ? std::clamp(estimate->highest_m - ground.height_m, 0.0, 0.3 * above) : 0.0;
+  // Whole metres, so that small differences of the estimate do not move the planes.
+  ground.min_height_m = std::floor(ground.height_m - slope_down - 0.25 * above - 2);
+  ground.max_height_m =
+      std::ceil(std::min(ground.height_m + slope_up + 0.6 * above, highest_camera - 0.05 * above));
+  ground.gsd_m = above / cameras.front().fx;
+  const geo::Geodetic place = geo::geodeticFromEcef(first_frames.front().pose.position_in_ecef);
+  const auto plane = lattice.planeFromGeodetic(place.lat, place.lon);
+  if (!plane)
+    return fail(
+        ErrorCode::BadSettings,
+        fmt::format(
+            "the lattice {} does not reach latitude {:.4f}: set map.lattice to a utm, ups or local one",
+            lattice.text(), geo::degrees(place.lat)));
+  ground.anchor_px = plane->x();
+  ground.base_zoom = lattice.zoomForGsd(gsd_m.value_or(ground.gsd_m), place.lat, place.lon, tile_size);
+  ground.texel_m = lattice.texelSize(ground.base_zoom, place.lat, place.lon, tile_size);
+  return ground;
+}
+
+void Mapper::setGround(const MapGround& ground) {
+  impl_->ground = ground;
+  impl_->index = std::make_unique<FrameIndex>(ground.lattice);
+  impl_->scale = impl_->options.working_scale;
+  if (impl_->scale < 0) {
+    impl_->scale = 0;
+    while (ground.texel_m * (1 << impl_->scale) < 0.9 * ground.gsd_m) ++impl_->scale;
+  }
+}
+
+const MapGround& Mapper::ground() const { return impl_->ground; }
+int Mapper::cellZoom() const { return impl_->ground.base_zoom - impl_->scale; }
+const FrameIndex& Mapper::index() const { return *impl_->index; }
+const MapperStatistics& Mapper::statistics() const { return impl_->statistics; }
+
+std::vector<geo::TileKey> Mapper::neighboursOf(const geo::TileKey& cell) {
+  std::vector<geo::TileKey> keys;
+  for (int dy = -1; dy <= 1; ++dy)
+    for (int dx = -1; dx <= 1; ++dx) keys.push_back({cell.zoom, cell.x + dx, cell.y + dy});
+  return keys;
+}
+
+Result<Thumbnail> Mapper::thumbnailOf(std::uint64_t id, const capture::FramePtr& frame) {
+  if (!frame->pose) return fail(ErrorCode::BadInput, frame->name + " has no pose");
+  const Stopwatch watch(impl_->statistics.rectify_s);
+  auto rectified = impl_->cache->acquire(id, frame);
+  if (!rectified) return tl::unexpected(rectified.error());
+  const RectifiedFrame& image = **rectified;
+  const int level = std::min(kThumbnailLevel, image.luma.spec().levels - 1);
+  Thumbnail thumbnail;
+  thumbnail.frame_id = id;
+  thumbnail.pose = *frame->pose;
+  thumbnail.camera = image.pinhole.scaled(1.0 / (1 << level));
+  thumbnail.camera.width = image.luma.width(level);
+  thumbnail.camera.height = image.luma.height(level);
+  std::vector<std::uint8_t> luma(static_cast<std::size_t>(thumbnail.camera.width) *
+                                 static_cast<std::size_t>(thumbnail.camera.height));
+  if (auto ok = image.luma.download(std::span<std::uint8_t>(luma), level); !ok)
+    return tl::unexpected(ok.error());
+  thumbnail.luma.resize(luma.size());
+  for (std::size_t i = 0; i < luma.size(); ++i) thumbnail.luma[i] = static_cast<float>(luma[i]) / 255.0f;
+  return thumbnail;
+}
+
+Result<std::vector<geo::TileKey>> Mapper::addFrame(std::uint64_t id, const capture::FramePtr& frame,
+                                                   Loader load) {
+  auto thumbnail = thumbnailOf(id, frame);
+  if (!thumbnail) return tl::unexpected(thumbnail.error());
+  auto rectified = impl_->cache->acquire(id, frame);
+  if (!rectified) return tl::unexpected(rectified.error());
+  const MapGround& ground = impl_->ground;
+  auto record = makeIndexedFrame(id, frame->camera, *frame->pose, (*rectified)->stats.sharpness,
+                                 ground.lattice, ground.anchor_px, ground.height_m);
+  if (!record) return tl::unexpected(record.error());
+  std::set<geo::TileKey> touched;
+  if (const IndexedFrame* old = impl_->index->find(id))
+    for (const geo::TileKey& key : FrameIndex::tilesUnder(*old, cellZoom())) touched.insert(key);
+  if (record->near_vertical) {
+    for (const geo::TileKey& key : FrameIndex::tilesUnder(*record, cellZoom())) touched.insert(key);
+    impl_->balance.add(std::move(*thumbnail), ground.height_m);
+  }
+  impl_->index->insert(*record);
+  impl_->loaders.insert_or_assign(id, std::pair(frame->camera, std::move(load)));
+  ++impl_->statistics.frames;
+  return std::vector(touched.begin(), touched.end());
+}
+
+std::vector<geo::TileKey> Mapper::balanceExposure(double threshold) {
+  std::map<std::uint64_t, float> solved = impl_->balance.solve();
+  std::set<geo::TileKey> touched;
+  for (auto& [id, gain] : solved) {
+    const auto old = impl_->gains.find(id);
+    const float before = old == impl_->gains.end() ? 1.0f : old->second;
+    if (std::abs(gain / before - 1) <= static_cast<float>(threshold)) {
+      gain = before;
+      continue;
+    }
+    if (const IndexedFrame* record = impl_->index->find(id))
+      for (const geo::TileKey& key : FrameIndex::tilesUnder(*record, cellZoom())) touched.insert(key);
+  }
+  impl_->gains = std::move(solved);
+  return {touched.begin(), touched.end()};
+}
+
+Result<Mapper::Impl::Held> Mapper::Impl::hold(std::uint64_t id, bool with_match) {
+  const auto& [camera, load] = loaders.at(id);
+  Held held;
+  {
+    const Stopwatch watch(statistics.rectify_s);
+    auto frame = cache->acquire(id, camera, load);
+    if (!frame) return tl::unexpected(frame.error());
+    held.frame = *frame;
+  }
+  if (!with_match) return held;
+  auto found = match_images.find(id);
+  if (found == match_images.end() || found->second.first.lock() != held.frame) {
+    const Stopwatch watch(statistics.match_s);
+    std::erase_if(match_images, [](const auto& entry) { return entry.second.first.expired(); });
+    auto match = matcher->make(held.frame->luma, held.frame->color);
+    if (!match) return tl::unexpected(match.error());
+    found = match_images.insert_or_assign(id, std::pair(std::weak_ptr(held.frame), std::move(*match))).first;
+  }
+  held.match = &found->second.second;
+  return held;
+}
+
+void Mapper::Impl::forgetOldCells() {
+  while (static_cast<int>(cells.size()) > options.field_cache) {
+    const auto oldest = std::min_element(cells.begin(), cells.end(), [](const auto& a, const auto& b) {
+      return a.second.last_use < b.second.last_use;
+    });
+    cells.erase(oldest);
+  }
+}
+
+Result<SweptCell*> Mapper::Impl::swept(const geo::TileKey& cell, bool* changed) {
+  const std::vector<const IndexedFrame*> candidates =
+      index->framesForTile(cell, ground.min_height_m, ground.max_height_m);
+  ViewSelectionOptions view_options = options.views;
+  view_options.max_views = std::min(options.sweep.max_views, SweepOptions::kMaxViews);
+  const std::vector<SelectedView> selected =
+      selectViews(candidates, ground.lattice, cell, ground.height_m, view_options);
+  std::vector<std::uint64_t> ids;
+  std::vector<capture::Pose> poses;
+  for (const SelectedView& view : selected) {
+    ids.push_back(view.id);
+    poses.push_back(index->find(view.id)->pose);
+  }
+  SweptCell& entry = cells[cell];
+  entry.last_use = ++clock;
+  const bool same = !entry.field.height.empty() && entry.views == ids &&
+                    std::equal(poses.begin(), poses.end(), entry.poses.begin(), entry.poses.end(), samePose);
+  if (changed != nullptr) *changed = !same;
+  if (same) return &entry;
+
+  std::vector<Held> held;
+  std::vector<SweepView> views;
+  for (std::size_t i = 0; i < ids.size(); ++i) {
+    auto frame = hold(ids[i], options.sweep.cost == MatchCost::Zncc);
+    if (!frame) return tl::unexpected(frame.error());
+    views.push_back({ids[i], frame->match != nullptr ? frame->match : &frame->frame->luma,
+                     frame->frame->pinhole, poses[i]});
+    held.push_back(std::move(*frame));
+  }
+  const geo::TileFrame frame(ground.lattice, cell);
+  const SweepGrid grid{&frame,          options.tile_size,   16,
+                       ground.height_m, ground.min_height_m, ground.max_height_m};
+  const Stopwatch watch(statistics.sweep_s);
+  auto field = sweeper->run(grid, views, options.sweep);
+  if (!field) return tl::unexpected(field.error());
+  statistics.samples += field->samples;
+  ++statistics.cells_swept;
+  entry.field = std::move(*field);
+  entry.views = std::move(ids);
+  entry.poses = std::move(poses);
+  return &entry;
+}
+
+Result<bool> Mapper::sweepCell(const geo::TileKey& cell) {
+  bool changed = false;
+  auto entry = impl_->swept(cell, &changed);
+  if (!entry) return tl::unexpected(entry.error());
+  impl_->forgetOldCells();
+  return changed;
+}
+
+// The frames that look most steeply at nine places of the cell, in turns, so that each place has its best.
+std::vector<const IndexedFrame*> Mapper::Impl::colourViews(const geo::TileKey& cell) const {
+  const std::vector<const IndexedFrame*> candidates =
+      index->framesForTile(cell, ground.min_height_m, ground.max_height_m);
+  std::vector<std::vector<std::pair<double, const IndexedFrame*>>> ranked;
+  for (const double fy : {0.5, 0.05, 0.95})
+    for (const double fx : {0.5, 0.05, 0.95}) {
+      const Eigen::Vector2d place = geo::TileLattice::planeOf(cell, fx, fy);
+      auto& list = ranked.emplace_back();
+      for (const IndexedFrame* frame : candidates) {
+        if (!inPolygon(frame->footprintAt(ground.height_m), place)) continue;
+        const double away =
+            (frame->nadir - place).norm() / std::max(frame->camera_height_m - ground.height_m, 1.0);
+        list.emplace_back(away, frame);
+      }
+      std::sort(list.begin(), list.end(), [](const auto& a, const auto& b) {
+        return std::pair(a.first, a.second->id) < std::pair(b.first, b.second->id);
+      });
+    }
+  std::vector<const IndexedFrame*> chosen;
+  std::set<std::uint64_t> taken;
+  for (std::size_t round = 0; round < candidates.size(); ++round)
+    for (const auto& list : ranked) {
+      if (round >= list.size() || static_cast<int>(chosen.size()) >= Orthographer::kMaxViews) continue;
+      if (taken.insert(list[round].second->id).second) chosen.push_back(list[round].second);
+    }
+  std::sort(chosen.begin(), chosen.end(), [](const auto* a, const auto* b) { return a->id < b->id; });
+  return chosen;
+}
+
+Result<std::vector<Tile>> Mapper::Impl::colour(const geo::TileKey& cell, HeightMosaic mosaic,
+                                               std::set<std::uint64_t> frame_set) {
+  const std::vector<const IndexedFrame*> sources = colourViews(cell);
+  std::vector<Held> held;
+  std::vector<OrthoView> views;
+  double sharpest = 0;
+  for (const IndexedFrame* source : sources) sharpest = std::max(sharpest, source->sharpness);
+  for (const IndexedFrame* source : sources) {
+    auto frame = hold(source->id, false);
+    if (!frame) return tl::unexpected(frame.error());
+    const auto gain = gains.find(source->id);
+    const double worth = sharpest > 0 ? std::clamp(source->sharpness / sharpest, 0.25, 1.0) : 1.0;
+    views.push_back({source->id, &frame->frame->color, frame->frame->pinhole, source->pose,
+                     gain == gains.end() ? 1.0f : gain->second, static_cast<float>(worth)});
+    frame_set.insert(source->id);
+    held.push_back(std::move(*frame));
+  }
+
+  const int side = mosaic.side();
+  std::vector<std::uint8_t> provisional(mosaic.height.size());
+  for (std::size_t i = 0; i < provisional.size(); ++i) provisional[i] = std::isnan(mosaic.height[i]) ? 1 : 0;
+  const std::vector<float> surface = guessSurface(mosaic.height, side, ground.height_m);
+  const geo::TileFrame frame(ground.lattice, cell);
+  const int size = options.tile_size << scale;
+  const Stopwatch watch(statistics.ortho_s);
+  auto photo =
+      orthographer->render({&frame, mosaic.texels, mosaic.margin, surface, provisional}, views, size);
+  if (!photo) return tl::unexpected(photo.error());
+
+  const std::vector<std::uint64_t> set(frame_set.begin(), frame_set.end());
+  std::vector<std::uint16_t> source_of(views.size());
+  for (std::size_t k = 0; k < views.size(); ++k)
+    source_of[k] =
+        static_cast<std::uint16_t>(std::lower_bound(set.begin(), set.end(), views[k].frame_id) - set.begin());
+  std::vector<Tile> tiles;
+  const int per_side = 1 << scale;
+  for (int ty = 0; ty < per_side; ++ty)
+    for (int tx = 0; tx < per_side; ++tx) {
+      Tile tile =
+          Tile::blank({ground.base_zoom, cell.x * per_side + tx, cell.y * per_side + ty}, options.tile_size);
+      tile.frame_set = set;
+      for (int y = 0; y < tile.size; ++y)
+        for (int x = 0; x < tile.size; ++x) {
+          const auto out =
+              static_cast<std::size_t>(y) * static_cast<std::size_t>(tile.size) + static_cast<std::size_t>(x);
+          const int px = tx * tile.size + x, py = ty * tile.size + y;
+          const auto in =
+              static_cast<std::size_t>(py) * static_cast<std::size_t>(size) + static_cast<std::size_t>(px);
+          std::copy_n(&photo->color[4 * in], 4, &tile.color[4 * out]);
+          if (photo->source[in] != 65535) tile.source[out] = source_of[photo->source[in]];
+          tile.views[out] = photo->seen_by[in];
+          tile.gsd[out] = gsdCode(static_cast<double>(photo->gsd_m[in]));
+          // The height at the texel's centre: bilinear in the sweep's grid, unless a neighbour is missing.
+          const double gx = (px + 0.5) / per_side - 0.5 + mosaic.margin,
+                       gy = (py + 0.5) / per_side - 0.5 + mosaic.margin;
+          const auto ix = static_cast<std::size_t>(gx), iy = static_cast<std::size_t>(gy);
+          const auto n = static_cast<std::size_t>(side);
+          const std::size_t nearest =
+              static_cast<std::size_t>(std::lround(gy)) * n + static_cast<std::size_t>(std::lround(gx));
+          if (photo->color[4 * in + 3] != 0 && std::isnan(mosaic.height[nearest]))
+            tile.kind[out] = kProvisional;
+          if (std::isnan(mosaic.height[nearest])) continue;
+          const auto fx = static_cast<float>(gx - static_cast<double>(ix)),
+                     fy = static_cast<float>(gy - static_cast<double>(iy));
+          const float* top = &mosaic.height[iy * n + ix];
+          const float value =
+              (1 - fy) * ((1 - fx) * top[0] + fx * top[1]) + fy * ((1 - fx) * top[n] + fx * top[n + 1]);
+          tile.elevation[out] = std::isnan(value) ? mosaic.height[nearest] : value;
+          tile.kind[out] = mosaic.filled[nearest] != 0 ? kFilled : kMeasured;
+          tile.confidence[out] = mosaic.confidence[nearest];
+        }
+      if (!tile.empty()) tiles.push_back(std::move(tile));
+    }
+  ++statistics.cells_finished;
+  statistics.tiles += tiles.size();
+  return tiles;
+}
+
+Result<std::vector<Tile>> Mapper::finishCell(const geo::TileKey& cell) {
+  std::array<const HeightField*, 9> fields{};
+  std::set<std::uint64_t> frame_set;
+  const std::vector<geo::TileKey> around = neighboursOf(cell);
+  double step_m = 0;
+  for (std::size_t i = 0; i < around.size(); ++i) {
+    auto entry = impl_->swept(around[i], nullptr);
+    if (!entry) return tl::unexpected(entry.error());
+    fields[i] = &(*entry)->field;
+    frame_set.insert((*entry)->views.begin(), (*entry)->views.end());
+    step_m = std::max(step_m, (*entry)->field.plane_step_m);
+  }
+  HeightMosaic mosaic;
+  {
+    const Stopwatch watch(impl_->statistics.blend_s);
+    mosaic = assembleHeights(fields, kSurfaceMargin, 2.0 * step_m);
+    fillHoles(mosaic.height, mosaic.filled, mosaic.side(), impl_->options.hole_texels, 3.0 * step_m);
+  }
+  auto tiles = impl_->colour(cell, std::move(mosaic), std::move(frame_set));
+  impl_->forgetOldCells();
+  return tiles;
+}
+
+Result<std::vector<Tile>> Mapper::provisionalCell(const geo::TileKey& cell) {
+  HeightMosaic mosaic;
+  mosaic.texels = impl_->options.tile_size;
+  mosaic.margin = 1;
+  const auto count = static_cast<std::size_t>(mosaic.side()) * static_cast<std::size_t>(mosaic.side());
+  mosaic.height.assign(count, std::numeric_limits<float>::quiet_NaN());
+  mosaic.confidence.assign(count, 0);
+  mosaic.filled.assign(count, 0);
+  return impl_->colour(cell, std::move(mosaic), {});
+}
+
+}  // namespace overfly::tiling

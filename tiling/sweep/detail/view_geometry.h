@@ -1,0 +1,31 @@
+#pragma once
+#include <Eigen/Core>
+#include <array>
+#include <span>
+#include <vector>
+
+#include "capture/geo/tile_frame.h"
+#include "render/gl/program.h"
+#include "tiling/sweep/sweep.h"
+
+namespace overfly::tiling {
+
+// The views of a cell in the cell's own frame, narrowed to float for the GPU: texel_rays.glsl's uniforms.
+struct ViewGeometry {
+  double reference_height_m = 0;           // heights on the GPU count from here
+  double height_per_baseline = 1;          // mean camera height over mean distance of two cameras
+  double gsd_m = 0;                        // median over the views, on the ground below them
+  std::vector<Eigen::Vector4f> matrix;     // 3 rows a view: texture coordinates (homogeneous) from tile ENU
+  std::array<Eigen::Vector3f, 10> ground;  // TileFrame's polynomials, to degree 3 and at the reference height
+  std::array<Eigen::Vector3f, 6> up;       // and 2: below 0.1 mm from the whole at zoom 14 and finer
+};
+
+[[nodiscard]] ViewGeometry viewGeometry(std::span<const SweepView> views, const geo::TileFrame& frame,
+                                        double ground_height_m, double reference_height_m);
+
+// Sets the rays of a grid of texels x texels over the cell, with `apron` more of its texels on every side.
+// Views without a match image need a texture set by the caller.
+void setRays(gl::Program& program, const ViewGeometry& geometry, std::span<const SweepView> views, int texels,
+             int apron);
+
+}  // namespace overfly::tiling

@@ -1,0 +1,165 @@
+// True orthophoto of a block of texels: each texel's point on the surface is looked for in the views that see
+// it, and coloured by the one that looks most steeply, with a soft change-over where two are nearly as good.
+uniform sampler2D views[VIEWS];
+uniform sampler2D surface;     // heights above the reference, finer than or as fine as the sweep's grid, with apron
+uniform sampler2D provisional;  // 1 where the surface is only a guess
+uniform vec4 surface_from_texel;  // scale.xy and offset.zw: texture coordinates of a texel's centre
+uniform vec4 surface_from_enu;    // 2x2, columns: texture coordinates per metre east, north
+uniform vec3 camera[VIEWS];       // in tile ENU
+uniform float gain[VIEWS];        // exposure gain of the frame, linear in coded values
+uniform float worth[VIEWS];       // of the frame as a whole: sharpness, exposure; about 1
+uniform float focal[VIEWS];       // pixels
+uniform float highest;            // of the surface
+uniform float march_step;         // metres
+layout(location = 0) out vec4 color_out;
+layout(location = 1) out vec4 source_out;  // source + 1, views that see the texel, flags (1: provisional), -
+layout(location = 2) out vec4 detail_out;  // GSD in metres of the source, its tilt in radians, -, -
+
+float score[VIEWS];
+vec2 where[VIEWS];
+float seen_by;
+
+// Marches from the point towards the camera until above everything.
+bool isHidden(vec2 at, float z, vec3 point, vec3 eye) {
+  vec3 ray = eye - point;
+  float rise = highest - z;
+  if (rise <= march_step * 0.5 || ray.z <= 0.0) return false;
+  vec2 run = ray.xy / ray.z;  // metres sideways per metre up
+  float length_up = rise;
+  float sideways = length(run) * length_up;
+  float steps = clamp(ceil(sideways / march_step), 1.0, 48.0);
+  vec2 along = mat2(surface_from_enu.xy, surface_from_enu.zw) * run;
+  for (float i = 1.0; i <= steps; i += 1.0) {
+    float up = length_up * i / steps;
+    if (length(run) * up < 1.5 * march_step) continue;
+    float ground_z = textureLod(surface, at + along * up, 0.0).r;
+    if (ground_z > z + up + 0.35 * march_step + 0.05 * up) return true;
+  }
+  return false;
+}
+
+void main() {
+  castRays(gl_FragCoord.xy);
+  vec2 at = gl_FragCoord.xy * surface_from_texel.xy + surface_from_texel.zw;
+  float z = textureLod(surface, at, 0.0).r;
+  bool guess = textureLod(provisional, at, 0.0).r > 0.5;
+  float s = grid_origin.x + gl_FragCoord.x * grid_step, t = grid_origin.y + gl_FragCoord.y * grid_step;
+  vec3 point = ground[0] + s * (ground[1] + s * ground[3] + t * ground[4]) + t * (ground[2] + t * ground[5]);
+  vec3 normal = up[0];
+  point += z * normal;
+  float best = 0.0;
+  int source = -1;
+  seen_by = 0.0;
+#define LOOK(k) { \
+    vec3 p = ray_origin[k] + z * ray_slope[k]; \
+    where[k] = p.xy / p.z; \
+    vec2 inside = 0.5 - abs(where[k] - 0.5); \
+    float edge = min(inside.x, inside.y); \
+    score[k] = 0.0; \
+    if (p.z > 0.0 && edge > 0.0 && textureLod(views[k], where[k], 0.0).a > 0.99) { \
+      vec3 ray = camera[k] - point; \
+      float tangent2 = dot(ray.xy, ray.xy) / max(ray.z * ray.z, 1e-6); \
+      float rank = worth[k] * min(1.0, edge * 20.0) / (0.03 + tangent2); \
+      bool hidden = !guess && isHidden(at, z, point, camera[k]); \
+      if (!hidden) seen_by += 1.0; \
+      score[k] = hidden ? rank * 1e-3 : rank; \
+      if (score[k] > best) { best = score[k]; source = k; } \
+    } \
+  }
+#if VIEWS > 0
+  LOOK(0)
+#endif
+#if VIEWS > 1
+  LOOK(1)
+#endif
+#if VIEWS > 2
+  LOOK(2)
+#endif
+#if VIEWS > 3
+  LOOK(3)
+#endif
+#if VIEWS > 4
+  LOOK(4)
+#endif
+#if VIEWS > 5
+  LOOK(5)
+#endif
+#if VIEWS > 6
+  LOOK(6)
+#endif
+#if VIEWS > 7
+  LOOK(7)
+#endif
+#if VIEWS > 8
+  LOOK(8)
+#endif
+#if VIEWS > 9
+  LOOK(9)
+#endif
+#if VIEWS > 10
+  LOOK(10)
+#endif
+#if VIEWS > 11
+  LOOK(11)
+#endif
+#if VIEWS > 12
+  LOOK(12)
+#endif
+#if VIEWS > 13
+  LOOK(13)
+#endif
+  vec3 color = vec3(0.0);
+  float total = 0.0;
+#define MIX(k) { \
+    float share = smoothstep(BLEND_FROM, 1.0, score[k] / best); \
+    if (share > 0.0) { color += share * gain[k] * textureLod(views[k], where[k], 0.0).rgb; total += share; } \
+  }
+  if (source >= 0) {
+#if VIEWS > 0
+  MIX(0)
+#endif
+#if VIEWS > 1
+  MIX(1)
+#endif
+#if VIEWS > 2
+  MIX(2)
+#endif
+#if VIEWS > 3
+  MIX(3)
+#endif
+#if VIEWS > 4
+  MIX(4)
+#endif
+#if VIEWS > 5
+  MIX(5)
+#endif
+#if VIEWS > 6
+  MIX(6)
+#endif
+#if VIEWS > 7
+  MIX(7)
+#endif
+#if VIEWS > 8
+  MIX(8)
+#endif
+#if VIEWS > 9
+  MIX(9)
+#endif
+#if VIEWS > 10
+  MIX(10)
+#endif
+#if VIEWS > 11
+  MIX(11)
+#endif
+#if VIEWS > 12
+  MIX(12)
+#endif
+#if VIEWS > 13
+  MIX(13)
+#endif
+  }
+  color_out = total > 0.0 ? vec4(color / total, 1.0) : vec4(0.0);
+  vec3 ray = source >= 0 ? camera[source] - point : vec3(0.0, 0.0, 1.0);
+  source_out = vec4(float(source + 1), seen_by, guess ? 1.0 : 0.0, 0.0) / 255.0;
+  detail_out = vec4(source >= 0 ? length(ray) / focal[source] : 0.0, atan(length(ray.xy), ray.z), 0.0, 0.0);
+}

@@ -1,0 +1,139 @@
+// One texel, seven planes around its own height: the agreement of all views that see it, per plane, before
+// aggregation over the support window. Channels: planes -3..0 in `first`, 1..3 and the texture strength (mean
+// square of the values at plane 0) in `second`.
+// COST 0: locally normalised correlation, mean over pairs of v_i v_j (5.3 with the normalisation done once per
+//         image instead of per window); 1: minus mean absolute difference over pairs (5.6);
+//      2: minus mean squared difference over pairs (5.1); 3: census, minus mean Hamming distance over pairs.
+// Pair sums come from sums over views: sum_{i != j} v_i v_j = S^2 - Q.
+uniform sampler2D views[VIEWS];
+uniform sampler2D base_height;
+uniform float plane_step;
+uniform float height_offset;
+uniform float lod;
+layout(location = 0) out vec4 first;
+layout(location = 1) out vec4 second;
+
+float strength;
+
+#if COST == 3
+vec3 texel_dx[VIEWS];
+vec3 texel_dy[VIEWS];
+#endif
+
+float planeAgreement(float z) {
+  float count = 0.0, sum = 0.0, squares = 0.0, differences = 0.0;
+  float value[VIEWS];
+  float seen[VIEWS];
+#if COST == 3
+  int code[VIEWS];
+#endif
+#define SAMPLE(k) { \
+    vec3 p = ray_origin[k] + z * ray_slope[k]; \
+    vec2 uv = p.xy / p.z; \
+    float v = textureLod(views[k], uv, lod).r; \
+    bool valid = p.z > 0.0 && all(lessThan(abs(uv - 0.5), vec2(0.5))) && v > 0.002; \
+    seen[k] = valid ? 1.0 : 0.0; \
+    v = (v - 0.50196) * seen[k]; \
+    value[k] = v; \
+    count += seen[k]; \
+    sum += v; \
+    squares += v * v; \
+    CENSUS(k) \
+  }
+#if COST == 3
+#define NEIGHBOUR(k, dx, dy, bit) { \
+    vec3 n = p + dx * texel_dx[k] + dy * texel_dy[k]; \
+    bits += textureLod(views[k], n.xy / n.z, lod).r - 0.50196 > v ? bit : 0; \
+  }
+#define CENSUS(k) int bits = 0; \
+  NEIGHBOUR(k, -1.0, -1.0, 1) NEIGHBOUR(k, 0.0, -1.0, 2) NEIGHBOUR(k, 1.0, -1.0, 4) NEIGHBOUR(k, -1.0, 0.0, 8) \
+  NEIGHBOUR(k, 1.0, 0.0, 16) NEIGHBOUR(k, -1.0, 1.0, 32) NEIGHBOUR(k, 0.0, 1.0, 64) NEIGHBOUR(k, 1.0, 1.0, 128) \
+  code[k] = bits;
+#else
+#define CENSUS(k)
+#endif
+#if VIEWS > 0
+  SAMPLE(0)
+#endif
+#if VIEWS > 1
+  SAMPLE(1)
+#endif
+#if VIEWS > 2
+  SAMPLE(2)
+#endif
+#if VIEWS > 3
+  SAMPLE(3)
+#endif
+#if VIEWS > 4
+  SAMPLE(4)
+#endif
+#if VIEWS > 5
+  SAMPLE(5)
+#endif
+#if VIEWS > 6
+  SAMPLE(6)
+#endif
+#if VIEWS > 7
+  SAMPLE(7)
+#endif
+#if VIEWS > 8
+  SAMPLE(8)
+#endif
+#if VIEWS > 9
+  SAMPLE(9)
+#endif
+#if VIEWS > 10
+  SAMPLE(10)
+#endif
+#if VIEWS > 11
+  SAMPLE(11)
+#endif
+#if VIEWS > 12
+  SAMPLE(12)
+#endif
+#if VIEWS > 13
+  SAMPLE(13)
+#endif
+  if (count < 2.0) return NO_VIEWS;
+  float pairs = count * (count - 1.0);
+#if COST == 0
+  strength = squares / count;
+  return (sum * sum - squares) / pairs;
+#elif COST == 2
+  strength = squares / count;
+  return -2.0 * (count * squares - sum * sum) / pairs;
+#else
+  for (int i = 1; i < VIEWS; ++i)
+    for (int j = 0; j < i; ++j) {
+#if COST == 1
+      differences += seen[i] * seen[j] * abs(value[i] - value[j]);
+#else
+      differences += seen[i] * seen[j] * float(bitCount(code[i] ^ code[j])) / 8.0;
+#endif
+    }
+  strength = squares / count;
+  return -2.0 * differences / pairs;
+#endif
+}
+
+void main() {
+  ivec2 texel = ivec2(gl_FragCoord.xy);
+  castRays(gl_FragCoord.xy);
+#if COST == 3
+  for (int k = 0; k < VIEWS; ++k)
+    for (int row = 0; row < 3; ++row) {
+      texel_dx[k][row] = dot(view_matrix[3 * k + row].xyz, ground[1]) * grid_step;
+      texel_dy[k][row] = dot(view_matrix[3 * k + row].xyz, ground[2]) * grid_step;
+    }
+#endif
+  float z = texelFetch(base_height, texel, 0).r + height_offset;
+  strength = 0.0;
+  first.w = planeAgreement(z);
+  float texture_strength = strength;
+  first.xyz = vec3(planeAgreement(z - 3.0 * plane_step), planeAgreement(z - 2.0 * plane_step),
+                   planeAgreement(z - plane_step));
+  second = vec4(planeAgreement(z + plane_step), planeAgreement(z + 2.0 * plane_step),
+                planeAgreement(z + 3.0 * plane_step), texture_strength);
+  first *= HALF_FLOAT_SCALE;
+  second *= HALF_FLOAT_SCALE;
+}
