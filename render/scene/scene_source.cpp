@@ -65,7 +65,7 @@ Result<capture::FramePtr> SceneSource::State::make(Renderer& renderer, const Pla
   const std::vector<EffectSettings>& effects = world->description.effects;
   auto frame = std::make_shared<capture::Frame>();
   frame->sequence = static_cast<std::uint64_t>(planned.frame);
-  frame->name = fmt::format("{:08}.jpg", planned.frame);
+  frame->name = fmt::format("{:08}.{}", planned.frame, findEffect(effects, Effect::Jpeg) ? "jpg" : "rgb");
   frame->camera_id = "simulated";
   frame->time_ns = start_ns + std::llround(planned.time_s * 1e9);
   frame->utc_offset_ns = utc_offset_ns;

@@ -13,7 +13,15 @@
 
 namespace overfly::scene {
 
-inline std::shared_ptr<const World> worldOf(const std::string& toml) {
+// Lines that begin with "base =" may stand anywhere: they are the root's.
+inline std::shared_ptr<const World> worldOf(std::string toml) {
+  for (std::size_t at = 0; (at = toml.find("\nbase =", at)) != std::string::npos;) {
+    const std::size_t end = toml.find('\n', at + 1);
+    const std::string line = toml.substr(at + 1, end - at);
+    toml.erase(at + 1, line.size());
+    toml = line + toml;
+    at = line.size() + at;
+  }
   const Result<SceneDescription> scene =
       parseScene(toml + "[place]\nlat_deg = 47\nlon_deg = 9\nheight_m = 500\n", "test.toml");
   if (!scene) throw std::runtime_error(scene.error().message);
