@@ -74,8 +74,18 @@ void CoverMap::paint(const Eigen::Vector2d& low, const Eigen::Vector2d& high, in
 }
 
 void CoverMap::paintArea(const std::vector<Eigen::Vector2d>& polygon, Base base) {
-  for (int y = 0; y < height_; ++y) {
-    for (int x = 0; x < width_; ++x) {
+  Eigen::Vector2d low = polygon.front(), high = polygon.front();
+  for (const Eigen::Vector2d& p : polygon) {
+    low = low.cwiseMin(p);
+    high = high.cwiseMax(p);
+  }
+  const Eigen::Vector2d a = (low - origin_) / texel_, b = (high - origin_) / texel_;
+  const int x0 = std::clamp(static_cast<int>(a.x()), 0, width_),
+            x1 = std::clamp(static_cast<int>(b.x()) + 1, 0, width_);
+  const int y0 = std::clamp(static_cast<int>(a.y()), 0, height_),
+            y1 = std::clamp(static_cast<int>(b.y()) + 1, 0, height_);
+  for (int y = y0; y < y1; ++y) {
+    for (int x = x0; x < x1; ++x) {
       if (!insidePolygon(origin_ + texel_ * Eigen::Vector2d(x + 0.5, y + 0.5), polygon)) continue;
       std::uint32_t& texel = texels_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) +
                                      static_cast<std::size_t>(x)];

@@ -11,9 +11,9 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kNear = 0.05, kFar = 1e5;  // metres
+constexpr double kNear = 0.05, kFar = 1e5;       // metres
 constexpr glsl::vec3 kSky(0.62f, 0.72f, 0.82f);  // encoded; as GeometryPass clears
-constexpr int kMostTaps = 4;                // of the anisotropic filter, as in shaders/surface.glsl
+constexpr int kMostTaps = 4;                     // of the anisotropic filter, as in shaders/surface.glsl
 
 glsl::vec3 narrow(const Vector3d& v) {
   return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};

@@ -110,6 +110,9 @@ Result<void> GeometryPass::build(gl::Context& context, const std::vector<EffectS
   if (!world_.plants.empty()) {
     if (auto r = buildFoliage(context); !r) return r;
   }
+  if (const EffectSettings* vehicles = findEffect(effects_, Effect::Vehicles)) {
+    if (auto r = buildTraffic(context, *vehicles); !r) return r;
+  }
   if (shadows_) return buildShadows(context);
   return {};
 }
@@ -125,7 +128,7 @@ Result<void> GeometryPass::buildPrograms(gl::Context& context) {
                {kCover, kNoise, kMaterial, kResponse, kLight, kSurface, {"ground.frag", text::ground_frag}});
       !r)
     return r;
-  if (!world_.solids.indices.empty()) {
+  if (!world_.solids.indices.empty() || findEffect(effects_, Effect::Vehicles)) {
     if (auto r =
             make(solid_program_, {kCamera, {"solid.vert", text::solid_vert}},
                  {kCover, kNoise, kMaterial, kResponse, kLight, kSurface, {"solid.frag", text::solid_frag}});
@@ -190,6 +193,19 @@ Result<void> GeometryPass::buildFoliage(gl::Context& context) {
     if (auto r = assign(foliage.vertices, gl::VertexArray::create(context, attributes, &foliage.indices)); !r)
       return r;
   }
+  return {};
+}
+
+Result<void> GeometryPass::buildTraffic(gl::Context& context, const EffectSettings& settings) {
+  auto vehicles = std::make_unique<Vehicles>(Vehicles{Traffic(world_, settings), {}, {}, {}, 0});
+  const Mesh mesh = vehicles->traffic.meshAt(0);
+  if (mesh.indices.empty()) return {};  // no streets
+  vehicles->count = static_cast<int>(mesh.indices.size());
+  if (auto r = assign(vehicles->vertices, gl::Buffer::from(context, std::span(mesh.vertices))); !r) return r;
+  if (auto r = assign(vehicles->indices, gl::Buffer::from(context, std::span(mesh.indices))); !r) return r;
+  if (auto r = assign(vehicles->array, meshVertices(context, vehicles->vertices, vehicles->indices)); !r)
+    return r;
+  vehicles_ = std::move(vehicles);
   return {};
 }
 
@@ -293,6 +309,7 @@ void GeometryPass::drawShadowMap(const View& view) {
   for (const IndexRun& run : solids)
     gl::draw(shadow_program_, shadow_target_, solids_, run.count, 1, state, gl::Topology::Triangles,
              run.first);
+  if (vehicles_) gl::draw(shadow_program_, shadow_target_, vehicles_->array, vehicles_->count, 1, state);
   if (!world_.plants.empty()) {
     set(shadow_foliage_program_);
     drawPlants(shadow_foliage_program_, shadow_target_, plants);
@@ -369,6 +386,11 @@ void GeometryPass::setLight(gl::Program& program, const View& view) {
 
 void GeometryPass::draw(View& view) {
   counts_ = {};
+  if (vehicles_) {
+    const Mesh mesh = vehicles_->traffic.meshAt(view.time_s);
+    vehicles_->vertices.upload(std::span(mesh.vertices));
+    vehicles_->indices.upload(std::span(mesh.indices));
+  }
   const double margin = rolling_ ? 0.1 : 0.005;
   double near = std::numeric_limits<double>::infinity(), far = 1;
   const auto seen = [&](const Eigen::AlignedBox3f& box) {
@@ -404,10 +426,9 @@ void GeometryPass::draw(View& view) {
     setLight(program, view);
   };
   // What hides the most first; the ground, dearest a pixel, last.
-  if (!solids.empty()) {
-    prepare(solid_program_);
-    drawRuns(solid_program_, solids_, solids);
-  }
+  if (!solids.empty() || vehicles_) prepare(solid_program_);
+  drawRuns(solid_program_, solids_, solids);
+  if (vehicles_) drawRuns(solid_program_, vehicles_->array, {{0, vehicles_->count}});
   if (!world_.plants.empty()) {
     prepare(foliage_program_);
     if (wind_) {

@@ -11,6 +11,7 @@
 #include "render/gl/program.h"
 #include "render/gl/texture.h"
 #include "render/gl/vertex_array.h"
+#include "render/scene/detail/traffic.h"
 #include "render/scene/detail/view.h"
 #include "render/scene/effect_settings.h"
 #include "render/scene/foliage.h"
@@ -50,6 +51,7 @@ class GeometryPass {
   [[nodiscard]] Result<void> buildPrograms(gl::Context& context);
   [[nodiscard]] Result<void> buildFoliage(gl::Context& context);
   [[nodiscard]] Result<void> buildShadows(gl::Context& context);
+  [[nodiscard]] Result<void> buildTraffic(gl::Context& context, const EffectSettings& settings);
   void drawShadowMap(const View& view);
   void setView(gl::Program& program, const View& view);
   void setLight(gl::Program& program, const View& view);
@@ -84,6 +86,13 @@ class GeometryPass {
   };
   std::array<Foliage, 4> foliage_;  // by species
   SunView sun_;
+  struct Vehicles {
+    Traffic traffic;
+    gl::Buffer vertices, indices;
+    gl::VertexArray array;
+    int count = 0;  // indices
+  };
+  std::unique_ptr<Vehicles> vehicles_;  // only when named
   GeometryCounts counts_;
 };
 

@@ -86,6 +86,11 @@ class PlotBuilder {
   void build() {
     const SettlementDescription& settlement = site_.scene.settlement;
     const double width = 2 * plot_.half.x();
+    // A garden is a lawn, whatever field the plot was cut from.
+    site_.cover.paintArea(
+        {plot_.at(-plot_.half.x(), -plot_.half.y()), plot_.at(plot_.half.x(), -plot_.half.y()),
+         plot_.at(plot_.half.x(), plot_.half.y()), plot_.at(-plot_.half.x(), plot_.half.y())},
+        Base::Lawn);
     const double front = -plot_.half.y() + settlement.setback + 1.5 * draw(1);
     const Eigen::Vector2d size(std::min(width - 5.5, 10.5 + 3.5 * draw(2)), 7.6 + 2.4 * draw(3));
     const double shift = (draw(4) - 0.5) * 1.6;

@@ -1,4 +1,5 @@
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -110,19 +111,20 @@ void buildCanyon(Site& site, const CanyonDescription& canyon) {
           canyon.roughness * (2 * uniform(seed, static_cast<std::uint32_t>(i), side > 0 ? 1 : 2) - 1);
       edge.emplace_back(x, middle + side * (0.5 * canyon.width + rough));
     }
-    // The plateau in strips between edge and border, so that no strip is a hopeless sliver and each has its
-    // own height: terraces of up to 6 m.
-    for (int i = 0; i < steps; ++i) {
+    // The plateau in terraces of up to 6 m, each one prism from the edge to the scene's border.
+    constexpr int kTerrace = 8;  // steps of the edge
+    for (int first = 0; first < steps; first += kTerrace) {
+      const int last = std::min(first + kTerrace, steps);
       const double border = side > 0 ? north : south;
-      const Eigen::Vector2d a = edge[static_cast<std::size_t>(i)], b = edge[static_cast<std::size_t>(i) + 1];
-      std::vector<Eigen::Vector2d> strip = {{a.x(), border}, {b.x(), border}, b, a};
-      if (side > 0) std::swap(strip[0], strip[3]), std::swap(strip[1], strip[2]);
-      const double ground = site.terrain.heightAt(a.x(), a.y());
-      const double terrace =
-          6 * std::floor(3 * uniform(seed, static_cast<std::uint32_t>(i / 3), side > 0 ? 3 : 4)) / 3;
-      site.solids.beginObject(static_cast<std::uint32_t>(i) * 2 + (side > 0 ? 1u : 0u));
-      site.solids.prism(strip, ground - 8, ground + canyon.depth + terrace, Material::Rock,
-                        Material::Plateau);
+      std::vector<Eigen::Vector2d> terrace(edge.begin() + first, edge.begin() + last + 1);
+      terrace.emplace_back(terrace.back().x(), border);
+      terrace.emplace_back(terrace.front().x(), border);
+      if (side < 0) std::reverse(terrace.begin(), terrace.end());
+      const double above = 6 * uniform(seed, static_cast<std::uint32_t>(first), side > 0 ? 3 : 4);
+      double ground = 0;
+      for (const Eigen::Vector2d& p : terrace) ground = std::min(ground, site.terrain.heightAt(p.x(), p.y()));
+      site.solids.beginObject(static_cast<std::uint32_t>(first) * 2 + (side > 0 ? 1u : 0u));
+      site.solids.prism(terrace, ground - 8, canyon.depth + above, Material::Rock, Material::Plateau);
     }
   }
 }

@@ -40,7 +40,7 @@ float areaOf(float distance, float soft) { return smoothstep(-soft, soft, distan
 // Linear albedo of the ground at (east, north).
 vec3 groundAlbedo(vec2 p, float width) {
   float coarse = octaves(p, width, 23.0f, 1.4f, 0.75f, 0x1000193u);
-  float fine = octaves(p, width, 0.9f, 0.011f, 0.84f, 0x811c9dc5u);
+  float fine = 0.8f * octaves(p, width, 0.45f, 0.011f, 0.92f, 0x811c9dc5u);
   float edge = 0.25f * valueNoise(p * 1.7f, 0x51ed270bu) + 0.1f * fine;  // borders of parcels are ragged
   Cover here = coverAt(p);
   Cover ragged = coverAt(p + vec2(edge, -edge) * 1.6f);
@@ -55,7 +55,7 @@ vec3 groundAlbedo(vec2 p, float width) {
   vec3 row_colour = vec3(0.0f);
   if (base == 1u) {  // meadow
     low = vec3(0.075f, 0.095f, 0.030f);
-    high = vec3(0.260f, 0.235f, 0.100f);
+    high = vec3(0.215f, 0.205f, 0.085f);
     contrast = 0.95f;
   }
   if (base == 2u) {  // ploughed soil
@@ -78,13 +78,13 @@ vec3 groundAlbedo(vec2 p, float width) {
     contrast = 0.9f;
   }
   if (base == 5u) {  // gravel
-    low = vec3(0.250f, 0.235f, 0.210f);
-    high = vec3(0.380f, 0.360f, 0.325f);
-    contrast = 0.85f;
+    low = vec3(0.190f, 0.180f, 0.160f);
+    high = vec3(0.300f, 0.285f, 0.255f);
+    contrast = 0.8f;
   }
   if (base == 6u) {  // sand and scree
-    low = vec3(0.300f, 0.215f, 0.140f);
-    high = vec3(0.470f, 0.360f, 0.250f);
+    low = vec3(0.240f, 0.172f, 0.112f);
+    high = vec3(0.380f, 0.290f, 0.200f);
     contrast = 0.6f;
   }
   if (base == 7u) {  // water: dark, with faint still ripples
@@ -113,7 +113,7 @@ vec3 groundAlbedo(vec2 p, float width) {
   colour = colour * (1.0f + contrast * fine);
 
   // Planted beds, then paving (slabs), then the pavement beside the street, then the street.
-  vec3 soil = mix(vec3(0.080f, 0.055f, 0.038f), vec3(0.060f, 0.110f, 0.030f), smoothstep(-0.1f, 0.35f, coarse + fine));
+  vec3 soil = mix(vec3(0.095f, 0.066f, 0.036f), vec3(0.060f, 0.110f, 0.030f), smoothstep(-0.1f, 0.35f, coarse + fine));
   colour = mix(colour, soil * (1.0f + 0.8f * fine), areaOf(here.bed + 0.15f * edge, soft));
 
   float slab = unitOf(cellHash(int(floor(p.x / 0.6f)), int(floor(p.y / 0.6f)), 0x165667b1u));
@@ -150,7 +150,7 @@ vec3 toneOf(uint tint, vec3 a, vec3 b, vec3 c) {
 vec3 solidAlbedo(uint material, uint tint, vec2 uv, float width) {
   vec2 shifted = uv + vec2(unitOf(mixBits(tint + 5u)), unitOf(mixBits(tint + 9u))) * 311.0f;
   float coarse = octaves(shifted, width, 6.0f, 1.0f, 0.75f, 0x9e3779b1u);
-  float fine = octaves(shifted, width, 0.7f, 0.010f, 0.84f, 0x7f4a7c15u);
+  float fine = 0.8f * octaves(shifted, width, 0.4f, 0.010f, 0.92f, 0x7f4a7c15u);
   vec3 colour = vec3(0.30f, 0.29f, 0.28f);  // concrete
   float contrast = 0.45f;
   float joints = 0.0f;
@@ -192,7 +192,13 @@ vec3 solidAlbedo(uint material, uint tint, vec2 uv, float width) {
     contrast = 0.25f;
   }
   if (material == 5u) {  // container: corrugated sheet
-    colour = toneOf(tint, vec3(0.300f, 0.060f, 0.040f), vec3(0.045f, 0.110f, 0.240f), vec3(0.330f, 0.310f, 0.270f));
+    // One paint or another, never a mixture.
+    float paint = unitOf(mixBits(tint * 0x9e3779b1u + 31u));
+    colour = mix(vec3(0.300f, 0.060f, 0.040f), vec3(0.045f, 0.110f, 0.240f), step(0.3f, paint));
+    colour = mix(colour, vec3(0.330f, 0.310f, 0.270f), step(0.55f, paint));
+    colour = mix(colour, vec3(0.060f, 0.160f, 0.090f), step(0.75f, paint));
+    colour = mix(colour, vec3(0.360f, 0.170f, 0.040f), step(0.88f, paint));
+    colour = colour * (0.8f + 0.4f * unitOf(mixBits(tint * 0x85ebca77u + 7u)));
     joints = 0.55f * stripes(uv.x, 0.28f, 0.35f, width);
     contrast = 0.35f;
   }
@@ -218,7 +224,7 @@ vec3 solidAlbedo(uint material, uint tint, vec2 uv, float width) {
     contrast = 0.45f;
   }
   if (material == 10u) {  // rocky plateau
-    colour = mix(vec3(0.330f, 0.220f, 0.140f), vec3(0.520f, 0.400f, 0.280f), clamp(0.5f + 0.9f * coarse, 0.0f, 1.0f));
+    colour = mix(vec3(0.270f, 0.175f, 0.110f), vec3(0.420f, 0.310f, 0.210f), clamp(0.5f + 0.9f * coarse, 0.0f, 1.0f));
     colour = mix(colour, vec3(0.085f, 0.100f, 0.045f), 0.8f * smoothstep(0.18f, 0.3f, fine + 0.5f * coarse));
     contrast = 0.8f;
   }

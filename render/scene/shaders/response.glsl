@@ -9,5 +9,5 @@ vec3 encoded(vec3 radiance) {
 vec3 radianceOf(vec3 albedo, vec3 normal, vec3 towards_sun, float lit) {
   float sun = max(dot(normal, towards_sun), 0.0f) * lit;
   float sky = 0.5f + 0.5f * normal.z;
-  return albedo * (vec3(2.05f, 1.95f, 1.78f) * sun + vec3(0.44f, 0.51f, 0.62f) * (0.25f + 0.75f * sky));
+  return albedo * (vec3(1.85f, 1.76f, 1.60f) * sun + vec3(0.38f, 0.44f, 0.54f) * (0.25f + 0.75f * sky));
 }

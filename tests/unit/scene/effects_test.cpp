@@ -140,8 +140,9 @@ TEST(Effects, DistortionIsOpenCvs) {
     // The mast's light is not even: what an ideal lens makes of it is where the distortion starts from.
     const Blob ideal = blobOf("", camera, state), blob = blobOf(effects, camera, state);
     std::vector<cv::Point2d> pixels;
-    cv::projectPoints(std::vector<cv::Point3d>{{(ideal.centre.x() - 200) / 300, (ideal.centre.y() - 150) / 300, 1}},
-                      cv::Vec3d(0, 0, 0), cv::Vec3d(0, 0, 0), matrix, distortion, pixels);
+    cv::projectPoints(
+        std::vector<cv::Point3d>{{(ideal.centre.x() - 200) / 300, (ideal.centre.y() - 150) / 300, 1}},
+        cv::Vec3d(0, 0, 0), cv::Vec3d(0, 0, 0), matrix, distortion, pixels);
     EXPECT_NEAR(blob.centre.x(), pixels[0].x + 0.5, 0.06) << east << " " << north;
     EXPECT_NEAR(blob.centre.y(), pixels[0].y + 0.5, 0.06) << east << " " << north;
   }
@@ -164,11 +165,16 @@ TEST(Effects, ShadowLiesWhereTheSunsAngleSays) {
   // The far corner of the roof throws the shadow's tip: the middle of the shadow ends at its length plus what
   // the box reaches along that direction.
   const double reach = 1.5 / std::max(std::abs(away.x()), std::abs(away.y()));
-  double shadow_end = 0;
-  for (double along = 4; along < 25; along += 0.05) {
-    double mean = 0;
-    for (int i = -2; i <= 2; ++i) mean += lightAt(along, 0.05 * i) / 5;
-    if (mean < 0.22) shadow_end = along;  // between shadow (0.12) and light (0.45)
+  double shadow_end = 0, lit = 0, dark = 0;
+  for (int i = 0; i < 40; ++i) {
+    lit += lightAt(19 + 0.05 * i, 0.1 * (i % 5)) / 40;
+    dark += lightAt(6 + 0.05 * i, 0.1 * (i % 5)) / 40;
+  }
+  ASSERT_GT(lit, 2 * dark);
+  for (double along = 10; along < 18 && shadow_end == 0; along += 0.05) {
+    double mean = 0;  // over a patch, against the gravel's own light and dark
+    for (int i = 0; i < 35; ++i) mean += lightAt(along + 0.1 * (i % 7 - 3), 0.1 * (i / 7 - 2)) / 35;
+    if (mean > 0.5 * (lit + dark)) shadow_end = along;
   }
   EXPECT_NEAR(shadow_end, length + reach, 0.35);
 }
@@ -312,6 +318,69 @@ TEST(Effects, ExposureDriftScalesLight) {
     most = std::max(most, after[1] / before[1]);
   }
   EXPECT_GT(most / least, 1.1);
+}
+
+TEST(Effects, VehiclesDriveAndAreNoPartOfTheTruth) {
+  const std::string rest =
+      "[terrain]\nextent = [160, 160]\n[[street]]\npoints = [[-70, 0], [70, 0]]\n" + kSmallCamera;
+  const std::string cars = "effects = [\"vehicles\"]\n[effect.vehicles]\nper_kilometre = 60\n";
+  Stage empty(rest), busy(cars + rest);
+  const CameraState state = lookingDown(0, 0, 60);
+  const Picture street = empty.render(state), now = busy.render(state), later = busy.render(state, {}, 0.5);
+  EXPECT_LT(agreement(street, now, 8), 0.995);
+  EXPECT_LT(agreement(now, later, 8), 0.995);
+  EXPECT_EQ(busy.world->solids.indices.size(), 0u);
+  EXPECT_EQ(now.rgb, busy.render(state).rgb);
+}
+
+TEST(Effects, WindMovesCrownsOnly) {
+  const std::string rest =
+      "[terrain]\nextent = [120, 120]\n[[vegetation]]\nper_hectare = 100\nheight = [8, 12]\n" + kSmallCamera;
+  Stage stage("effects = [\"wind_sway\"]\n[effect.wind_sway]\namplitude_m = 0.5\n" + rest);
+  const CameraState state = lookingDown(0, 0, 60);
+  const double same = agreement(stage.render(state, {}, 0.3), stage.render(state, {}, 1.1), 2);
+  EXPECT_LT(same, 0.95);
+  EXPECT_GT(same, 0.2);  // the ground between them
+}
+
+TEST(Effects, CloudsMoveAndDarken) {
+  const std::string rest = "[terrain]\nextent = [200, 200]\n" + kSmallCamera;
+  Stage clear(rest),
+      cloudy(
+          "effects = [\"cloud_shadows\"]\n[effect.cloud_shadows]\nsize_m = 30\ncover = 0.5\ndepth = 0.5\n" +
+          rest);
+  const CameraState state = lookingDown(0, 0, 70);
+  const Picture a = clear.render(state), b = cloudy.render(state), later = cloudy.render(state, {}, 4);
+  int dark = 0, total = 0;
+  for (int y = 0; y < a.height; y += 4) {
+    for (int x = 0; x < a.width; x += 4, ++total) {
+      const double ratio = linearAt(b, x, y) / linearAt(a, x, y);
+      EXPECT_GT(ratio, 0.42);
+      EXPECT_LT(ratio, 1.08);
+      dark += ratio < 0.7 ? 1 : 0;
+    }
+  }
+  EXPECT_GT(dark, total / 8);
+  EXPECT_LT(dark, total * 7 / 8);
+  EXPECT_LT(agreement(b, later, 4), 0.9);
+}
+
+TEST(Effects, WaterGlintsAndOnlyWater) {
+  const std::string rest =
+      "[terrain]\nextent = [200, 200]\n[sun]\nelevation_deg = 75\nazimuth_deg = 180\n" + kSmallCamera;
+  for (const bool water : {true, false}) {
+    const std::string base = water ? "base = \"water\"\n" : "base = \"yard\"\n";
+    Stage dull(base + rest), bright("effects = [\"specular\"]\n" + base + rest);
+    const CameraState state = lookingDown(0, 0, 60);
+    const double same = agreement(dull.render(state), bright.render(state), 0);
+    if (water) {
+      EXPECT_LT(same, 0.9);
+      EXPECT_LT(agreement(bright.render(state), bright.render(state, {}, 1.0), 8),
+                0.95);  // and never stands still
+    } else {
+      EXPECT_EQ(same, 1);
+    }
+  }
 }
 
 }  // namespace
