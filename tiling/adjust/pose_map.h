@@ -50,7 +50,7 @@ struct AdjustOptions {
   std::array<double, 5> sigma_distortion{0.1, 0.1, 0.005, 0.005, 0};
   double sigma_boresight = 0.05;  // radians
   double sigma_lever_m = 0.2;
-  double sigma_delay_s = 1.5;
+  double sigma_delay_s = 3;  // a camera's own GPS lags by seconds; an autopilot's shows its little delay itself
 };
 
 enum class FrameState {
@@ -182,6 +182,11 @@ class PoseMap {
   void refreshPoints(const std::vector<FrameId>& frames);
   int prune(const std::vector<FrameId>& frames, double limit_px);
   void alignToTelemetry(int component);
+  void move(const std::vector<FrameId>& members, double scale, const Eigen::Quaterniond& turn,
+            const Eigen::Vector3d& from, const Eigen::Vector3d& to);
+  [[nodiscard]] std::optional<Eigen::Vector3d> controlPlace(const Control& control) const;
+  void alignToControl(const std::vector<FrameId>& frames);
+  void addControl(const std::vector<FrameId>& free, Bundle& bundle) const;
   void estimateNoise(const std::vector<FrameId>& frames);
   void searchDelay(const std::vector<FrameId>& frames);
   [[nodiscard]] std::vector<FrameId> neighboursOf(const std::vector<FrameId>& frames, std::size_t most) const;

@@ -1,5 +1,7 @@
 #include <ceres/ceres.h>
 
+#include <Eigen/Geometry>
+#include <Eigen/SVD>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -63,6 +65,8 @@ Eigen::Matrix3d sqrtInformation(const Eigen::Matrix3d& covariance) {
 constexpr double kLeastPositionNoise = 0.02;   // metres: below this the noise estimate would be an accident
 constexpr double kLeastAttitudeNoise = 0.002;  // radians
 constexpr double kMostLogScale = 4;            // of one alignment to the telemetry
+constexpr double kControlSigmaPx = 1.0;         // how well a person marks a control point
+constexpr double kMostDelay = 6;                // seconds that are searched for
 constexpr double kLeastStampError = 0.1;    // seconds: what the track's shape between two frames is good for
 constexpr double kAssumedHeading = 0.5;     // radians: a heading claimed worse than this was not measured
 constexpr double kCrossRadiusShare = 0.03;  // of the image width: search between legs that were not linked
@@ -141,8 +145,7 @@ void PoseMap::fillPrior(const Frame& frame, BundleFrame& out) const {
   out.velocity = then.velocity;
   if (frame.prior.covariance(5, 5) < kAssumedHeading * kAssumedHeading) out.turn = then.turn;
   // In a turn the track between two frames, and so the delay's effect, is only roughly known.
-  const double bend =
-      0.25 * then.velocity_change * std::max(kLeastStampError, std::abs(shared_.delay_s) + sigmas_.delay_s);
+  const double bend = 0.25 * then.velocity_change * std::max(kLeastStampError, sigmas_.delay_s);
   out.prior_position_covariance += Eigen::Matrix3d::Identity() * (bend * bend);
   if (then.beyond_s > 0) {  // carried on past the ends of the track: half of the way may be wrong
     const double guess = 0.5 * then.velocity.norm() * then.beyond_s;
@@ -308,6 +311,7 @@ void PoseMap::adjustRegion(const std::vector<FrameId>& free, int observations, i
   for (int round = 0; round < rounds; ++round) {
     std::vector<int> tracks;
     Bundle bundle = makeBundle(free, fixed, observations, tracks);
+    if (all) addControl(free, bundle);
     SolveOptions solving;
     solving.sigma_px = options_.sigma_px;
     solving.threads = options_.threads;
@@ -430,20 +434,66 @@ void PoseMap::alignToTelemetry(int component) {
     shift = t;
   }
   if (least == 1e300) return;
-  const Eigen::Quaterniond q = fromRotationVector(turn);
-  const auto moved = [&](const Eigen::Vector3d& x) -> Eigen::Vector3d {
-    return scale * (q * (x - centre)) + shift + said_centre;
-  };
+  move(members, scale, fromRotationVector(turn), centre, shift + said_centre);
+}
+
+// x -> scale * turn * (x - from) + to, for frames and the points that they see.
+void PoseMap::move(const std::vector<FrameId>& members, double scale, const Eigen::Quaterniond& turn,
+                   const Eigen::Vector3d& from, const Eigen::Vector3d& to) {
+  const auto moved = [&](const Eigen::Vector3d& x) -> Eigen::Vector3d { return scale * (turn * (x - from)) + to; };
   std::set<int> touched;
   for (const FrameId id : members) {
     Frame& frame = frames_.at(id);
-    frame.view = {moved(frame.view.position), (q * frame.view.world_from_camera).normalized()};
+    frame.view = {moved(frame.view.position), (turn * frame.view.world_from_camera).normalized()};
     if (frame.closed) to_revise_.insert(id);
     touched.insert(frame.tracks.begin(), frame.tracks.end());
   }
   for (const int t : touched)
     if (t >= 0 && tracks_[static_cast<std::size_t>(t)].known)
       tracks_[static_cast<std::size_t>(t)].point = moved(tracks_[static_cast<std::size_t>(t)].point);
+}
+
+std::optional<Eigen::Vector3d> PoseMap::controlPlace(const Control& control) const {
+  std::vector<View> views;
+  std::vector<Eigen::Vector2d> seen;
+  for (const auto& [id, pixel] : control.seen) {
+    const auto it = frames_.find(id);
+    if (it == frames_.end() || !it->second.located) continue;
+    views.push_back(it->second.view);
+    seen.push_back(normalise(pixel));
+  }
+  if (views.size() < 2) return std::nullopt;
+  return triangulate(views, seen);
+}
+
+// The whole map onto the control points: three or more give a similarity, fewer a shift. The telemetry's
+// common offset takes up what that moves, so that telemetry and control do not pull against each other.
+void PoseMap::alignToControl(const std::vector<FrameId>& frames) {
+  std::vector<Eigen::Vector3d> from, to;
+  for (const auto& control : control_) {
+    const auto place = control.check ? std::nullopt : controlPlace(control);
+    if (!place) continue;
+    from.push_back(*place);
+    to.push_back(control.position);
+  }
+  if (from.empty()) return;
+  Eigen::Matrix3Xd a(3, from.size()), b(3, to.size());
+  for (std::size_t i = 0; i < from.size(); ++i) {
+    a.col(static_cast<Eigen::Index>(i)) = from[i];
+    b.col(static_cast<Eigen::Index>(i)) = to[i];
+  }
+  const Eigen::Vector3d centre_a = a.rowwise().mean(), centre_b = b.rowwise().mean();
+  double scale = 1;
+  Eigen::Quaterniond turn = Eigen::Quaterniond::Identity();
+  // Points on one line leave a turn about it open.
+  const Eigen::JacobiSVD<Eigen::Matrix3Xd> spread(b.colwise() - centre_b);
+  if (from.size() >= 3 && spread.singularValues()[1] > 0.05 * spread.singularValues()[0]) {
+    const Eigen::Matrix4d t = Eigen::umeyama(a, b, true);
+    scale = std::cbrt(t.topLeftCorner<3, 3>().determinant());
+    turn = Eigen::Quaterniond(Eigen::Matrix3d(t.topLeftCorner<3, 3>() / scale)).normalized();
+  }
+  move(frames, scale, turn, centre_a, centre_b);
+  shared_.offset_m -= centre_b - centre_a;
 }
 
 // The telemetry's delay from the shape of the track alone: for each candidate a robust similarity in the
@@ -494,8 +544,8 @@ void PoseMap::searchDelay(const std::vector<FrameId>& frames) {
   cost(shared_.delay_s, true);
   double best = shared_.delay_s, least = cost(best, false);
   const double present = least;
-  const double reach = 3 * prior_sigmas_.delay_s;
-  for (double d = -reach; d <= reach; d += 0.1) {
+  const double reach = std::min(kMostDelay, 3 * prior_sigmas_.delay_s);
+  for (double d = -reach; d <= reach; d += 0.25) {
     const double c = cost(d, false);
     if (c < least) {
       least = c;
@@ -503,6 +553,21 @@ void PoseMap::searchDelay(const std::vector<FrameId>& frames) {
     }
   }
   if (least < present - 3) shared_.delay_s = best;
+}
+
+void PoseMap::addControl(const std::vector<FrameId>& free, Bundle& bundle) const {
+  for (const auto& control : control_) {
+    const auto place = control.check ? std::nullopt : controlPlace(control);
+    if (!place) continue;
+    const int point = static_cast<int>(bundle.points.size());
+    bundle.points.push_back(*place);
+    bundle.control.push_back({point, control.position, control.sigma_m});
+    for (const auto& [id, pixel] : control.seen) {
+      const auto it = std::find(free.begin(), free.end(), id);
+      if (it != free.end())
+        bundle.observations.push_back({static_cast<int>(it - free.begin()), point, pixel, kControlSigmaPx});
+    }
+  }
 }
 
 std::vector<FrameUpdate> PoseMap::adjustAll(Matcher& matcher) {
@@ -547,7 +612,13 @@ std::vector<FrameUpdate> PoseMap::adjustAll(Matcher& matcher) {
   for (const FrameId id : all) triangulateTracks(id);
   adjustRegion(all, options_.global_observations, 3, true);
   if (retry() > 0) all = locatedInOrder();
+  alignToControl(all);
   adjustRegion(all, options_.global_observations, 2, true);
+  for (auto& control : control_) {
+    const auto place = controlPlace(control);
+    control.residual_m.reset();
+    if (place) control.residual_m = *place - control.position;
+  }
   open_.clear();
   std::vector<FrameUpdate> updates;
   for (const FrameId id : arrived_) updates.push_back(report(id));

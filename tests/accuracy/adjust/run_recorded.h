@@ -1,10 +1,10 @@
 #pragma once
 #include <fmt/format.h>
-#include <gtest/gtest.h>
 
 #include <Eigen/SVD>
 #include <chrono>
 #include <cstdlib>
+#include <stdexcept>
 
 #include "tests/accuracy/adjust/recorded.h"
 #include "tiling/adjust/adjuster.h"
@@ -41,12 +41,13 @@ struct Outcome {
   double position_rms_m = 0;  // after a similarity
   double worst_position_m = 0;
   double rotation_rms_deg = 0;                              // after the similarity's turn
+  double live_s = 0, total_s = 0;  // wall time: frame by frame, and with the final adjustment
   double raw_position_rms_m = 0, raw_rotation_rms_deg = 0;  // the telemetry, the same way
   Similarity similarity;
 };
 
-inline Outcome run(const RecordedFlight& flight, const capture::CameraModel& camera, bool verbose) {
-  AdjusterOptions options;
+inline Outcome run(const RecordedFlight& flight, const capture::CameraModel& camera, bool verbose,
+                   AdjusterOptions options = {}) {
   options.map.retained_frames = 10000;
   Adjuster adjuster(camera, options);
   const auto priors = priorsFromTelemetry(flight.frames);
@@ -55,7 +56,7 @@ inline Outcome run(const RecordedFlight& flight, const capture::CameraModel& cam
     const auto image = flight.grey(i);
     const auto updates =
         adjuster.addFrame(i, {image.bytes.data(), image.width, image.height, image.stride}, *priors[i].pose);
-    EXPECT_TRUE(updates) << updates.error().message;
+    if (!updates) throw std::runtime_error(updates.error().message);
     if (verbose)
       for (const auto& u : *updates)
         fmt::print("  {} rev {} state {} shift {:.1f} px, {} obs, rms {:.2f} {}\n", u.id, u.revision,
@@ -66,6 +67,8 @@ inline Outcome run(const RecordedFlight& flight, const capture::CameraModel& cam
   const double total = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   Outcome out;
   out.summary = adjuster.summary();
+  out.live_s = live;
+  out.total_s = total;
   const geo::LocalFrame local(flight.origin);
   std::vector<Eigen::Vector3d> got, wanted, raw;
   std::vector<Eigen::Quaterniond> got_q, wanted_q, raw_q;
@@ -101,6 +104,13 @@ inline Outcome run(const RecordedFlight& flight, const capture::CameraModel& cam
     }
     position = std::sqrt(p2 / static_cast<double>(p.size()));
     rotation = std::sqrt(r2 / static_cast<double>(p.size()));
+    if (verbose)
+      for (std::size_t i = 0; i < p.size(); ++i) {
+        const Eigen::Vector3d d = s.of(p[i]) - wanted[i];
+        const Eigen::Vector3d r =
+            57.29578 * rotationVector(Eigen::Quaterniond(s.turn) * q[i] * wanted_q[i].conjugate());
+        fmt::print("  {} off by {:.3f} {:.3f} {:.3f} m, {:.3f} {:.3f} {:.3f} deg\n", i, d.x(), d.y(), d.z(), r.x(), r.y(), r.z());
+      }
     return s;
   };
   double ignored = 0;
