@@ -35,7 +35,8 @@ std::optional<Projection> projectionOf(const std::string& line) {
     return Projection{std::stoi(m[2]), m[1] == "6"};
   if (std::regex_search(line, m, std::regex("UTM\\s+(\\d{1,2})\\s*([NS])", std::regex::icase)))
     return Projection{std::stoi(m[1]), m[2] == "N" || m[2] == "n"};
-  if (line.find("+proj=utm") != std::string::npos && std::regex_search(line, m, std::regex("\\+zone=(\\d{1,2})")))
+  if (line.find("+proj=utm") != std::string::npos &&
+      std::regex_search(line, m, std::regex("\\+zone=(\\d{1,2})")))
     return Projection{std::stoi(m[1]), line.find("+south") == std::string::npos};
   return std::nullopt;
 }
@@ -77,7 +78,8 @@ tl::unexpected<Error> badLine(const std::filesystem::path& file, int line, const
 
 Result<std::vector<ControlEntry>> readControlFile(const std::filesystem::path& file) {
   std::ifstream stream(file);
-  if (!stream) return fail(ErrorCode::NotFound, fmt::format("cannot read the control point file {}", file.string()));
+  if (!stream)
+    return fail(ErrorCode::NotFound, fmt::format("cannot read the control point file {}", file.string()));
   std::string line;
   int row = 0;
   const auto next = [&] {
@@ -103,7 +105,8 @@ Result<std::vector<ControlEntry>> readControlFile(const std::filesystem::path& f
       const auto value = [&](const char* name) {
         return column(name) < header.size() ? number(row_cells[column(name)]) : std::nullopt;
       };
-      const auto lat = value("lat"), lon = value("lon"), height = value("height"), px = value("px"), py = value("py");
+      const auto lat = value("lat"), lon = value("lon"), height = value("height"), px = value("px"),
+                 py = value("py");
       if (!lat || !lon || !height || !px || !py || std::abs(*lat) > 90 || std::abs(*lon) > 360)
         return badLine(file, row, "lat, lon, height, px and py must be numbers");
       ControlEntry& entry = points.entry(row_cells[column("name")]);
@@ -117,10 +120,11 @@ Result<std::vector<ControlEntry>> readControlFile(const std::filesystem::path& f
   }
   const auto projection = projectionOf(line);
   if (!projection)
-    return fail(ErrorCode::Unsupported,
-                fmt::format("{}: the projection \"{}\" is neither longitude/latitude nor UTM on WGS84; convert the "
-                            "points to EPSG:4326",
-                            file.string(), line));
+    return fail(
+        ErrorCode::Unsupported,
+        fmt::format("{}: the projection \"{}\" is neither longitude/latitude nor UTM on WGS84; convert the "
+                    "points to EPSG:4326",
+                    file.string(), line));
   while (next()) {
     const auto c = cells(line, false);
     if (c.size() < 6) return badLine(file, row, "expected: x y z pixel_x pixel_y image [name]");

@@ -14,7 +14,7 @@ struct ControlEntry {
   std::string name;
   geo::Geodetic place;  // height in the flight's own datum, as the file says it
   Eigen::Vector3d sigma_m = Eigen::Vector3d::Constant(0.03);  // east, north, up
-  bool check = false;   // compared, not used
+  bool check = false;                                         // compared, not used
   struct Mark {
     std::string image;      // file name without folder
     Eigen::Vector2d pixel;  // first pixel's centre at (0.5, 0.5)

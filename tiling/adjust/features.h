@@ -23,7 +23,7 @@ enum class FeatureKind { Sift, Akaze, Orb };
 
 struct FeatureOptions {
   FeatureKind kind = FeatureKind::Sift;  // docs/adjustment.md: time against accuracy of the three
-  int long_side_px = 1000;               // features are sought on a copy reduced to this (never enlarged)
+  int long_side_px = 800;                // features are sought on a copy reduced to this (never enlarged)
   int most = 2500;                       // the strongest features that are kept
 };
 

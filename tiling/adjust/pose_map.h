@@ -50,7 +50,8 @@ struct AdjustOptions {
   std::array<double, 5> sigma_distortion{0.1, 0.1, 0.005, 0.005, 0};
   double sigma_boresight = 0.05;  // radians
   double sigma_lever_m = 0.2;
-  double sigma_delay_s = 3;  // a camera's own GPS lags by seconds; an autopilot's shows its little delay itself
+  double sigma_delay_s =
+      3;  // a camera's own GPS lags by seconds; an autopilot's shows its little delay itself
 };
 
 enum class FrameState {

@@ -65,8 +65,8 @@ Eigen::Matrix3d sqrtInformation(const Eigen::Matrix3d& covariance) {
 constexpr double kLeastPositionNoise = 0.02;   // metres: below this the noise estimate would be an accident
 constexpr double kLeastAttitudeNoise = 0.002;  // radians
 constexpr double kMostLogScale = 4;            // of one alignment to the telemetry
-constexpr double kControlSigmaPx = 1.0;         // how well a person marks a control point
-constexpr double kMostDelay = 6;                // seconds that are searched for
+constexpr double kControlSigmaPx = 1.0;        // how well a person marks a control point
+constexpr double kMostDelay = 6;               // seconds that are searched for
 constexpr double kLeastStampError = 0.1;    // seconds: what the track's shape between two frames is good for
 constexpr double kAssumedHeading = 0.5;     // radians: a heading claimed worse than this was not measured
 constexpr double kCrossRadiusShare = 0.03;  // of the image width: search between legs that were not linked
@@ -440,7 +440,9 @@ void PoseMap::alignToTelemetry(int component) {
 // x -> scale * turn * (x - from) + to, for frames and the points that they see.
 void PoseMap::move(const std::vector<FrameId>& members, double scale, const Eigen::Quaterniond& turn,
                    const Eigen::Vector3d& from, const Eigen::Vector3d& to) {
-  const auto moved = [&](const Eigen::Vector3d& x) -> Eigen::Vector3d { return scale * (turn * (x - from)) + to; };
+  const auto moved = [&](const Eigen::Vector3d& x) -> Eigen::Vector3d {
+    return scale * (turn * (x - from)) + to;
+  };
   std::set<int> touched;
   for (const FrameId id : members) {
     Frame& frame = frames_.at(id);
@@ -589,7 +591,14 @@ std::vector<FrameUpdate> PoseMap::adjustAll(Matcher& matcher) {
   retry();
   for (int c = 1; c <= components_; ++c) alignToTelemetry(c);
   auto all = locatedInOrder();
-  if (all.size() < 2) return close(true);
+  const auto reportAll = [&] {
+    open_.clear();
+    std::vector<FrameUpdate> updates;
+    for (const FrameId id : arrived_) updates.push_back(report(id));
+    to_revise_.clear();
+    return updates;
+  };
+  if (all.size() < 2) return reportAll();
   adjustRegion(all, options_.regional_observations, 2, true);
   for (const FrameId id : all) {
     const std::size_t most = 2 * static_cast<std::size_t>(options_.link_frames);
@@ -619,11 +628,7 @@ std::vector<FrameUpdate> PoseMap::adjustAll(Matcher& matcher) {
     control.residual_m.reset();
     if (place) control.residual_m = *place - control.position;
   }
-  open_.clear();
-  std::vector<FrameUpdate> updates;
-  for (const FrameId id : arrived_) updates.push_back(report(id));
-  to_revise_.clear();
-  return updates;
+  return reportAll();
 }
 
 }  // namespace overfly::tiling::adjust

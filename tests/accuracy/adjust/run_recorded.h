@@ -40,7 +40,7 @@ struct Outcome {
   PoseMap::Summary summary;
   double position_rms_m = 0;  // after a similarity
   double worst_position_m = 0;
-  double rotation_rms_deg = 0;                              // after the similarity's turn
+  double rotation_rms_deg = 0;     // after the similarity's turn
   double live_s = 0, total_s = 0;  // wall time: frame by frame, and with the final adjustment
   double raw_position_rms_m = 0, raw_rotation_rms_deg = 0;  // the telemetry, the same way
   Similarity similarity;
@@ -109,7 +109,8 @@ inline Outcome run(const RecordedFlight& flight, const capture::CameraModel& cam
         const Eigen::Vector3d d = s.of(p[i]) - wanted[i];
         const Eigen::Vector3d r =
             57.29578 * rotationVector(Eigen::Quaterniond(s.turn) * q[i] * wanted_q[i].conjugate());
-        fmt::print("  {} off by {:.3f} {:.3f} {:.3f} m, {:.3f} {:.3f} {:.3f} deg\n", i, d.x(), d.y(), d.z(), r.x(), r.y(), r.z());
+        fmt::print("  {} off by {:.3f} {:.3f} {:.3f} m, {:.3f} {:.3f} {:.3f} deg\n", i, d.x(), d.y(), d.z(),
+                   r.x(), r.y(), r.z());
       }
     return s;
   };

@@ -5,7 +5,8 @@
 #include "tests/accuracy/adjust/run_recorded.h"
 
 // Kind and size of features: processor time per frame against the accuracy that comes out, on brighton-beach
-// from its raw telemetry. Arguments: kind (0 SIFT, 1 AKAZE, 2 ORB), long side of the reduced frame, most kept.
+// from its raw telemetry. Arguments: kind (0 SIFT, 1 AKAZE, 2 ORB), long side of the reduced frame, most
+// kept.
 namespace overfly::tiling::adjust {
 namespace {
 
@@ -24,12 +25,14 @@ void brightonBeach(benchmark::State& state) {
   const auto image = flight.grey(3);
   for (auto _ : state) {
     const double start = processorSeconds();
-    const auto features = findFeatures({image.bytes.data(), image.width, image.height, image.stride}, options.features);
+    const auto features =
+        findFeatures({image.bytes.data(), image.width, image.height, image.stride}, options.features);
     benchmark::DoNotOptimize(features.pixels.data());
     const double found = processorSeconds();
     const Outcome out = run(flight, flight.nominal(3.61, 1.55), false, options);
     state.counters["find_s"] = found - start;
-    state.counters["cpu_s_per_frame"] = (processorSeconds() - found) / static_cast<double>(flight.frames.size());
+    state.counters["cpu_s_per_frame"] =
+        (processorSeconds() - found) / static_cast<double>(flight.frames.size());
     state.counters["adjusted"] = out.adjusted;
     state.counters["rms_px"] = out.summary.rms_px;
     state.counters["position_m"] = out.position_rms_m;
@@ -38,8 +41,8 @@ void brightonBeach(benchmark::State& state) {
   }
 }
 BENCHMARK(brightonBeach)
-    ->ArgsProduct({{0, 1, 2}, {800, 1000, 1600}, {2500}})
-    ->Args({0, 1000, 5000})
+    ->ArgsProduct({{0, 1, 2}, {800, 1000}, {2500}})
+    ->Args({0, 800, 5000})
     ->Args({0, 1600, 5000})
     ->Iterations(1)
     ->Unit(benchmark::kSecond);

@@ -1,9 +1,9 @@
+#include "tiling/adjust/control_file.h"
+
 #include <gtest/gtest.h>
 
 #include <filesystem>
 #include <fstream>
-
-#include "tiling/adjust/control_file.h"
 
 namespace overfly::tiling::adjust {
 namespace {
@@ -19,8 +19,9 @@ class ControlFile : public testing::Test {
 };
 
 TEST_F(ControlFile, ReadsGcpListInLongitudeLatitude) {
-  const auto read = readControlFile(write("EPSG:4326\n-91.99 46.84 160.5 100.5 200 a.jpg gcp01\n"
-                                          "-91.99 46.84 160.5 300 400 b.jpg gcp01\n"));
+  const auto read =
+      readControlFile(write("EPSG:4326\n-91.99 46.84 160.5 100.5 200 a.jpg gcp01\n"
+                            "-91.99 46.84 160.5 300 400 b.jpg gcp01\n"));
   ASSERT_TRUE(read) << read.error().message;
   ASSERT_EQ(read->size(), 1U);
   EXPECT_NEAR(geo::degrees((*read)[0].place.lat), 46.84, 1e-12);
@@ -31,16 +32,18 @@ TEST_F(ControlFile, ReadsGcpListInLongitudeLatitude) {
 }
 
 TEST_F(ControlFile, ReadsGcpListInUtm) {
-  // Zone 15 north: the central meridian is 93 degrees west, where easting is 500 km.
-  const auto read = readControlFile(write("WGS84 UTM 15N\n500000 5187000 10 1 2 a.jpg\n"));
+  // Zone 15 north: the central meridian is 93 degrees west, where easting is 500 km;
+  // the arc from the equator to 45 degrees is 4984944.378 m, times 0.9996.
+  const auto read = readControlFile(write("WGS84 UTM 15N\n500000 4982950.4002 10 1 2 a.jpg\n"));
   ASSERT_TRUE(read) << read.error().message;
   EXPECT_NEAR(geo::degrees((*read)[0].place.lon), -93, 1e-9);
-  EXPECT_NEAR(geo::degrees((*read)[0].place.lat), 46.8355, 1e-3);
+  EXPECT_NEAR(geo::degrees((*read)[0].place.lat), 45, 1e-8);
 }
 
 TEST_F(ControlFile, ReadsCsvWithCheckPoints) {
-  const auto read = readControlFile(
-      write("name,lat,lon,height,image,px,py,sigma,check\nA,46,-91,100,a.jpg,1,2,0.02,0\nB,46.1,-91,101,a.jpg,3,4,,1\n"));
+  const auto read =
+      readControlFile(write("name,lat,lon,height,image,px,py,sigma,check\nA,46,-91,100,a.jpg,1,2,0.02,0\nB,"
+                            "46.1,-91,101,a.jpg,3,4,,1\n"));
   ASSERT_TRUE(read) << read.error().message;
   ASSERT_EQ(read->size(), 2U);
   EXPECT_DOUBLE_EQ((*read)[0].sigma_m.x(), 0.02);
