@@ -91,7 +91,7 @@ class Renderer::Impl {
     cost_ = {};
     view_ = {ideal_, state, motion, time_s};
     const auto start = std::chrono::steady_clock::now();
-    geometry_->draw(view_);
+    if (Result<void> drawn = geometry_->draw(view_); !drawn) return tl::unexpected<Error>(drawn.error());
     finishPass(start, "geometry");
     if (geometry_->counts().passes > 1)
       cost_.passes.insert(cost_.passes.begin(), {"sun_shadows", 0});  // timed with the geometry

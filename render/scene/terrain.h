@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "config/error.h"
+#include "render/amplify/selector.h"
 #include "render/scene/mesh.h"
 
 namespace overfly::scene {
@@ -20,6 +21,9 @@ class Terrain {
   [[nodiscard]] double steepnessAt(double east, double north) const;
   [[nodiscard]] Eigen::Vector2d west_south() const { return origin_; }
   [[nodiscard]] Eigen::Vector2d east_north() const;
+
+  // Borrows the heights.
+  [[nodiscard]] amplify::HeightGrid grid() const { return {origin_, spacing_, columns_, rows_, heights_}; }
 
   [[nodiscard]] Mesh mesh(double chunk_cell) const;
 

@@ -143,11 +143,24 @@ Result<void> GeometryPass::buildPrograms(gl::Context& context) {
 }
 
 Result<void> GeometryPass::buildFoliage(gl::Context& context) {
-  for (std::size_t species = 1; species < foliage_.size(); ++species) {
+  std::array<int, 4> plants{};
+  for (const amplify::Plant& plant : world_.plants) {
+    ++plants[plant.species];
+    tallest_m_ = std::max(tallest_m_, 1.25 * plant.height);
+  }
+  // Room for every plant there is in any ring; a few more, because float and double may decide differently.
+  const int capacity = *std::max_element(plants.begin(), plants.end()) + 64;
+  auto selector = amplify::PlantSelector::create(context, world_.population, world_.terrain.grid(), capacity);
+  if (!selector) return tl::unexpected<Error>(selector.error());
+  selector_ = std::move(*selector);
+  for (std::size_t bin = 0; bin < foliage_.size(); ++bin) {
+    const std::size_t species = bin / 3 + 1;
+    if (plants[species] == 0) continue;
     std::vector<FoliageVertex> vertices;
     std::vector<std::uint32_t> indices;
     std::uint32_t number = 0;
-    for (const FoliagePolygon& polygon : foliageOf(static_cast<amplify::Species>(species), 0)) {
+    for (const FoliagePolygon& polygon :
+         foliageOf(static_cast<amplify::Species>(species), static_cast<int>(bin % 3))) {
       const auto first = static_cast<std::uint32_t>(vertices.size());
       for (const auto& [x, y] :
            {std::pair(-1.0f, -1.0f), std::pair(1.0f, -1.0f), std::pair(1.0f, 1.0f), std::pair(-1.0f, 1.0f)}) {
@@ -161,11 +174,7 @@ Result<void> GeometryPass::buildFoliage(gl::Context& context) {
       indices.insert(indices.end(), {first, first + 1, first + 2, first, first + 2, first + 3});
       ++number;
     }
-    const auto count = static_cast<std::size_t>(
-        std::count_if(world_.plants.begin(), world_.plants.end(),
-                      [&](const amplify::Plant& plant) { return plant.species == species; }));
-    if (count == 0) continue;
-    Foliage& foliage = foliage_[species];
+    Foliage& foliage = foliage_[bin];
     foliage.count = static_cast<int>(indices.size());
     if (auto r = assign(foliage.polygons,
                         gl::Buffer::from(context, std::span(std::as_const(vertices)), gl::BufferUse::Static));
@@ -175,10 +184,9 @@ Result<void> GeometryPass::buildFoliage(gl::Context& context) {
                         gl::Buffer::from(context, std::span(std::as_const(indices)), gl::BufferUse::Static));
         !r)
       return r;
-    if (auto r = assign(foliage.instances, gl::Buffer::create(context, count * sizeof(amplify::Plant))); !r)
-      return r;
     constexpr std::size_t kStride = sizeof(FoliageVertex), kPlant = sizeof(amplify::Plant);
-    const gl::Buffer *v = &foliage.polygons, *i = &foliage.instances;
+    const std::size_t first = bin * static_cast<std::size_t>(capacity) * kPlant;
+    const gl::Buffer *v = &foliage.polygons, *i = &selector_->instances();
     using Type = gl::AttributeType;
     const std::array<gl::Attribute, 9> attributes{
         {{0, v, Type::Float, 2, kStride, offsetof(FoliageVertex, corner)},
@@ -187,9 +195,9 @@ Result<void> GeometryPass::buildFoliage(gl::Context& context) {
          {3, v, Type::Float, 3, kStride, offsetof(FoliageVertex, v_axis)},
          {4, v, Type::Float, 3, kStride, offsetof(FoliageVertex, normal)},
          {5, v, Type::U32, 1, kStride, offsetof(FoliageVertex, polygon)},
-         {6, i, Type::Float, 4, kPlant, offsetof(amplify::Plant, east), true},
-         {7, i, Type::Float, 2, kPlant, offsetof(amplify::Plant, radius), true},
-         {8, i, Type::U32, 2, kPlant, offsetof(amplify::Plant, species), true}}};
+         {6, i, Type::Float, 4, kPlant, first + offsetof(amplify::Plant, east), true},
+         {7, i, Type::Float, 2, kPlant, first + offsetof(amplify::Plant, radius), true},
+         {8, i, Type::U32, 2, kPlant, first + offsetof(amplify::Plant, species), true}}};
     if (auto r = assign(foliage.vertices, gl::VertexArray::create(context, attributes, &foliage.indices)); !r)
       return r;
   }
@@ -253,15 +261,35 @@ void extendBy(const Eigen::Matrix3d& light_from_scene, const Eigen::AlignedBox3f
   }
 }
 
-Eigen::AlignedBox3f boxOf(const amplify::Plant& plant) {
-  const float reach = 1.6f * plant.radius;
-  return {Eigen::Vector3f(plant.east - reach, plant.north - reach, plant.up - 0.2f * plant.height),
-          Eigen::Vector3f(plant.east + reach, plant.north + reach, plant.up + 1.25f * plant.height)};
+// Rings of detail as in the paper, where the viewer is about 100 m up, scaled to the drone's height.
+Eigen::Vector3d ringsOf(const World& world) {
+  const double scale = (world.description.path.height - world.description.path.ground) / 100;
+  return scale * Eigen::Vector3d(700, 1400, 3000);
+}
+
+// The picture's pyramid, widened by `margin` pictures on every side.
+amplify::PlantView plantView(const World& world, const View& view, double margin) {
+  const RenderCamera& c = view.camera;
+  const double mx = margin * c.width, my = margin * c.height;
+  const std::array<Eigen::Vector3d, 6> inward{{{c.fx, 0, c.cx + mx},
+                                               {-c.fx, 0, c.width - c.cx + mx},
+                                               {0, c.fy, c.cy + my},
+                                               {0, -c.fy, c.height - c.cy + my},
+                                               {0, 0, 1},
+                                               {0, 0, 1}}};
+  amplify::PlantView plants;
+  plants.eye = view.state.position;
+  plants.rings = ringsOf(world);
+  for (std::size_t i = 0; i < inward.size(); ++i) {
+    const Eigen::Vector3d normal = view.state.enu_from_camera * inward[i].normalized();
+    plants.planes[i] = {normal.x(), normal.y(), normal.z(), -normal.dot(view.state.position)};
+  }
+  return plants;
 }
 
 }  // namespace
 
-void GeometryPass::drawShadowMap(const View& view) {
+Result<void> GeometryPass::drawShadowMap(const View& view) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   Eigen::Vector3d low = Eigen::Vector3d::Constant(kInfinity), high = -low;
   for (const Mesh* mesh : {&world_.ground, &world_.solids}) {
@@ -269,7 +297,7 @@ void GeometryPass::drawShadowMap(const View& view) {
       if (view.sees(chunk.box, 0.02)) extendBy(sun_.light_from_scene, chunk.box, low, high);
     }
   }
-  if (!(low.x() < high.x())) return;
+  if (!(low.x() < high.x())) return {};
   // What may throw a shadow into that rectangle.
   Eigen::Vector3d depth_low = low, depth_high = high;
   const auto casts = [&](const Eigen::AlignedBox3f& box) {
@@ -282,10 +310,7 @@ void GeometryPass::drawShadowMap(const View& view) {
     return true;
   };
   const std::vector<IndexRun> ground = runsOf(world_.ground, casts), solids = runsOf(world_.solids, casts);
-  std::array<std::vector<amplify::Plant>, 4> plants;
-  for (const amplify::Plant& plant : world_.plants) {
-    if (casts(boxOf(plant))) plants[plant.species].push_back(plant);
-  }
+  depth_high.z() += tallest_m_;
   sun_.low = {low.x(), low.y(), depth_low.z() - 1};
   sun_.high = {high.x(), high.y(), depth_high.z() + 1};
 
@@ -312,24 +337,38 @@ void GeometryPass::drawShadowMap(const View& view) {
   if (vehicles_) gl::draw(shadow_program_, shadow_target_, vehicles_->array, vehicles_->count, 1, state);
   if (!world_.plants.empty()) {
     set(shadow_foliage_program_);
-    drawPlants(shadow_foliage_program_, shadow_target_, plants);
+    amplify::PlantView plants;
+    plants.eye = view.state.position;
+    plants.rings = ringsOf(world_);
+    const auto plane = [&](Eigen::Index axis, double sign, double bound) {
+      const Eigen::Vector3d normal = sign * sun_.light_from_scene.row(axis).transpose();
+      return Eigen::Vector4d(normal.x(), normal.y(), normal.z(), -sign * bound);
+    };
+    plants.planes = {plane(0, 1, low.x()),   plane(0, -1, high.x()), plane(1, 1, low.y()),
+                     plane(1, -1, high.y()), {0, 0, 1, 1e6},         {0, 0, 1, 1e6}};
+    if (auto r = drawPlants(shadow_foliage_program_, shadow_target_, plants, false); !r) return r;
   }
   ++counts_.passes;
+  return {};
 }
 
-void GeometryPass::drawPlants(gl::Program& program, gl::Framebuffer& target,
-                              const std::array<std::vector<amplify::Plant>, 4>& plants) {
+Result<void> GeometryPass::drawPlants(gl::Program& program, gl::Framebuffer& target,
+                                      const amplify::PlantView& view, bool count) {
+  const auto counts = selector_->select(view);
+  if (!counts) return tl::unexpected<Error>(counts.error());
   gl::DrawState state;
   state.depth_test = state.depth_write = true;
-  for (std::size_t species = 1; species < plants.size(); ++species) {
-    if (plants[species].empty()) continue;
-    Foliage& foliage = foliage_[species];
-    foliage.instances.upload(std::span(plants[species]));
-    gl::draw(program, target, foliage.vertices, foliage.count, static_cast<int>(plants[species].size()),
-             state);
+  for (std::size_t bin = 0; bin < foliage_.size(); ++bin) {
+    const int instances = (*counts)[bin];
+    if (instances == 0 || foliage_[bin].count == 0) continue;
+    gl::draw(program, target, foliage_[bin].vertices, foliage_[bin].count, instances, state);
+    if (!count) continue;
     ++counts_.draws;
-    counts_.triangles += static_cast<std::size_t>(foliage.count) / 3 * plants[species].size();
+    counts_.plants += static_cast<std::size_t>(instances);
+    counts_.triangles +=
+        static_cast<std::size_t>(foliage_[bin].count) / 3 * static_cast<std::size_t>(instances);
   }
+  return {};
 }
 
 void GeometryPass::setView(gl::Program& program, const View& view) {
@@ -384,7 +423,7 @@ void GeometryPass::setLight(gl::Program& program, const View& view) {
   program.set("shadow_texel_metres", static_cast<float>(std::max(size.x(), size.y()) / texels));
 }
 
-void GeometryPass::draw(View& view) {
+Result<void> GeometryPass::draw(View& view) {
   counts_ = {};
   if (vehicles_) {
     const Mesh mesh = vehicles_->traffic.meshAt(view.time_s);
@@ -395,19 +434,19 @@ void GeometryPass::draw(View& view) {
   double near = std::numeric_limits<double>::infinity(), far = 1;
   const auto seen = [&](const Eigen::AlignedBox3f& box) {
     if (!view.sees(box, margin)) return false;
-    const auto [low, high] = view.depthsOf(box);
+    Eigen::AlignedBox3f grown = box;  // plants stand on it
+    grown.max().z() += static_cast<float>(tallest_m_);
+    const auto [low, high] = view.depthsOf(grown);
     near = std::min(near, low);
     far = std::max(far, high);
     return true;
   };
   const std::vector<IndexRun> ground = runsOf(world_.ground, seen), solids = runsOf(world_.solids, seen);
-  std::array<std::vector<amplify::Plant>, 4> plants;
-  for (const amplify::Plant& plant : world_.plants) {
-    if (seen(boxOf(plant))) plants[plant.species].push_back(plant);
-  }
   view.near_m = std::isfinite(near) ? std::max(0.2, 0.95 * near) : 0.2;
   view.far_m = std::max(view.near_m + 1, 1.05 * far);
-  if (shadows_) drawShadowMap(view);
+  if (shadows_) {
+    if (auto r = drawShadowMap(view); !r) return r;
+  }
 
   samples_.clearColor(0, 0.62f, 0.72f, 0.82f, 1);  // sky, and ground beyond the scene's border
   samples_.clearDepth(1);
@@ -437,8 +476,7 @@ void GeometryPass::draw(View& view) {
                                        .cast<float>()
                                        .eval());
     }
-    drawPlants(foliage_program_, samples_, plants);
-    for (const auto& list : plants) counts_.plants += list.size();
+    if (auto r = drawPlants(foliage_program_, samples_, plantView(world_, view, margin), true); !r) return r;
   }
   prepare(ground_program_);
   ground_program_.setTexture("cover_map", 0, cover_);
@@ -449,6 +487,7 @@ void GeometryPass::draw(View& view) {
   drawRuns(ground_program_, ground_, ground);
   gl::resolve(samples_, resolved_);
   ++counts_.passes;
+  return {};
 }
 
 }  // namespace overfly::scene

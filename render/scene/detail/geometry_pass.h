@@ -1,9 +1,11 @@
 #pragma once
 #include <array>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
+#include "render/amplify/selector.h"
 #include "render/gl/buffer.h"
 #include "render/gl/commands.h"
 #include "render/gl/context.h"
@@ -37,7 +39,7 @@ class GeometryPass {
       const capture::CameraModel& sensor, const std::vector<EffectSettings>& effects);
 
   // near_m and far_m of the view are set to what is in it.
-  void draw(View& view);
+  [[nodiscard]] Result<void> draw(View& view);
 
   [[nodiscard]] const gl::Texture& color() const { return color_; }
   // Four samples a pixel; z of View's projection.
@@ -52,11 +54,12 @@ class GeometryPass {
   [[nodiscard]] Result<void> buildFoliage(gl::Context& context);
   [[nodiscard]] Result<void> buildShadows(gl::Context& context);
   [[nodiscard]] Result<void> buildTraffic(gl::Context& context, const EffectSettings& settings);
-  void drawShadowMap(const View& view);
+  [[nodiscard]] Result<void> drawShadowMap(const View& view);
   void setView(gl::Program& program, const View& view);
   void setLight(gl::Program& program, const View& view);
-  void drawPlants(gl::Program& program, gl::Framebuffer& target,
-                  const std::array<std::vector<amplify::Plant>, 4>& plants);
+  // Selects the view's plants and draws them.
+  [[nodiscard]] Result<void> drawPlants(gl::Program& program, gl::Framebuffer& target,
+                                        const amplify::PlantView& view, bool count);
 
   struct SunView {
     Eigen::Matrix3d light_from_scene = Eigen::Matrix3d::Identity();
@@ -80,11 +83,13 @@ class GeometryPass {
   gl::VertexArray ground_, solids_;
   gl::Program ground_program_, solid_program_, foliage_program_, shadow_program_, shadow_foliage_program_;
   struct Foliage {
-    gl::Buffer polygons, indices, instances;
+    gl::Buffer polygons, indices;
     gl::VertexArray vertices;
     int count = 0;  // indices
   };
-  std::array<Foliage, 4> foliage_;  // by species
+  std::optional<amplify::PlantSelector> selector_;
+  std::array<Foliage, amplify::kPlantBins> foliage_;
+  double tallest_m_ = 0;  // reach of a plant above its foot
   SunView sun_;
   struct Vehicles {
     Traffic traffic;
