@@ -39,7 +39,7 @@ float areaOf(float distance, float soft) { return smoothstep(-soft, soft, distan
 
 // Linear albedo of the ground at (east, north).
 vec3 groundAlbedo(vec2 p, float width) {
-  float coarse = octaves(p, width, 23.0f, 1.4f, 0.75f, 0x1000193u);
+  float coarse = octaves(p, width, 23.0f, 0.7f, 0.78f, 0x1000193u);
   float fine = 0.8f * octaves(p, width, 0.45f, 0.011f, 0.92f, 0x811c9dc5u);
   float edge = 0.25f * valueNoise(p * 1.7f, 0x51ed270bu) + 0.1f * fine;  // borders of parcels are ragged
   Cover here = coverAt(p);
@@ -85,7 +85,7 @@ vec3 groundAlbedo(vec2 p, float width) {
   if (base == 6u) {  // sand and scree
     low = vec3(0.240f, 0.172f, 0.112f);
     high = vec3(0.380f, 0.290f, 0.200f);
-    contrast = 0.6f;
+    contrast = 0.85f;
   }
   if (base == 7u) {  // water: dark, with faint still ripples
     low = vec3(0.016f, 0.034f, 0.040f);
@@ -110,7 +110,7 @@ vec3 groundAlbedo(vec2 p, float width) {
     float along = base == 3u ? 0.906f * p.x + 0.423f * p.y : 0.292f * p.x - 0.956f * p.y;
     colour = mix(colour, row_colour, 0.75f * stripes(along + wander, row_period, 0.38f, width));
   }
-  colour = colour * (1.0f + contrast * fine);
+  colour = colour * (1.0f + contrast * (fine + 0.35f * coarse));
 
   // Planted beds, then paving (slabs), then the pavement beside the street, then the street.
   vec3 soil = mix(vec3(0.095f, 0.066f, 0.036f), vec3(0.060f, 0.110f, 0.030f), smoothstep(-0.1f, 0.35f, coarse + fine));
@@ -149,7 +149,7 @@ vec3 toneOf(uint tint, vec3 a, vec3 b, vec3 c) {
 // tint numbers the object. Materials as in mesh.h.
 vec3 solidAlbedo(uint material, uint tint, vec2 uv, float width) {
   vec2 shifted = uv + vec2(unitOf(mixBits(tint + 5u)), unitOf(mixBits(tint + 9u))) * 311.0f;
-  float coarse = octaves(shifted, width, 6.0f, 1.0f, 0.75f, 0x9e3779b1u);
+  float coarse = octaves(shifted, width, 6.0f, 0.6f, 0.78f, 0x9e3779b1u);
   float fine = 0.8f * octaves(shifted, width, 0.4f, 0.010f, 0.92f, 0x7f4a7c15u);
   vec3 colour = vec3(0.30f, 0.29f, 0.28f);  // concrete
   float contrast = 0.45f;
