@@ -37,6 +37,7 @@ PoseMap::PoseMap(const capture::CameraModel& camera, const AdjustOptions& option
   prior_sigmas_.lever_m.setConstant(options.sigma_lever_m);
   prior_sigmas_.delay_s = options.sigma_delay_s;
   sigmas_ = prior_sigmas_;
+  delay_sigma_ = prior_sigmas_.delay_s;
 }
 
 std::vector<FrameUpdate> PoseMap::add(FrameId id, const PriorPose& prior,

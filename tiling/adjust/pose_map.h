@@ -224,6 +224,7 @@ class PoseMap {
   std::set<FrameId> to_revise_;
   int arrivals_ = 0, located_count_ = 0, next_regional_ = 6, components_ = 0;
   double rms_px_ = 0;
+  double delay_sigma_ = 0;  // of the delay's prior, once the track's shape was looked at
   std::vector<Control> control_;
 };
 

@@ -65,6 +65,8 @@ Eigen::Matrix3d sqrtInformation(const Eigen::Matrix3d& covariance) {
 constexpr double kLeastPositionNoise = 0.02;   // metres: below this the noise estimate would be an accident
 constexpr double kLeastAttitudeNoise = 0.002;  // radians
 constexpr double kMostLogScale = 4;            // of one alignment to the telemetry
+constexpr double kDelayStep = 0.25;            // of that search
+constexpr double kClearlyBetter = 3;           // log-likelihood by which another delay must win
 constexpr double kControlSigmaPx = 1.0;        // how well a person marks a control point
 constexpr double kMostDelay = 6;               // seconds that are searched for
 constexpr double kLeastStampError = 0.1;    // seconds: what the track's shape between two frames is good for
@@ -178,6 +180,7 @@ Bundle PoseMap::makeBundle(const std::vector<FrameId>& free, const std::vector<F
   bundle.shared = shared_;
   bundle.prior = prior_;
   bundle.prior_sigmas = prior_sigmas_;
+  if (prior_sigmas_.delay_s > 0) bundle.prior_sigmas.delay_s = delay_sigma_;
   std::map<FrameId, int> index;
   for (const auto* list : {&free, &fixed})
     for (const FrameId id : *list) {
@@ -547,14 +550,24 @@ void PoseMap::searchDelay(const std::vector<FrameId>& frames) {
   double best = shared_.delay_s, least = cost(best, false);
   const double present = least;
   const double reach = std::min(kMostDelay, 3 * prior_sigmas_.delay_s);
-  for (double d = -reach; d <= reach; d += 0.25) {
+  for (double d = -reach; d <= reach; d += kDelayStep) {
     const double c = cost(d, false);
     if (c < least) {
       least = c;
       best = d;
     }
   }
-  if (least < present - 3) shared_.delay_s = best;
+  if (least < present - kClearlyBetter) shared_.delay_s = best;
+  // What the shape says is the prior of the adjustment: turns show a delay even where the telemetry wanders
+  // so slowly that the adjustment, which takes residuals one by one, has to distrust them.
+  prior_.delay_s = 0;
+  delay_sigma_ = prior_sigmas_.delay_s;
+  if (least > cost(0, false) - kClearlyBetter) return;
+  double width = kDelayStep;
+  while (width < reach && 0.5 * (cost(best - width, false) + cost(best + width, false)) < least + 0.5)
+    width += kDelayStep;
+  prior_.delay_s = best;
+  delay_sigma_ = std::min(prior_sigmas_.delay_s, width * wander_.horizontal);
 }
 
 void PoseMap::addControl(const std::vector<FrameId>& free, Bundle& bundle) const {
