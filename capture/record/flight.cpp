@@ -12,9 +12,8 @@
 namespace overfly::capture {
 namespace {
 
-constexpr std::uint64_t kMaxJson = 16u << 20;      // flight.json, cameras.json: bytes
-constexpr std::uint64_t kMaxTable = 1ull << 30;    // frames.tbl: about a million frames
-constexpr std::uint64_t kMaxImage = 768ull << 20;  // one image file
+constexpr std::uint64_t kMaxJson = 16u << 20;    // flight.json, cameras.json: bytes
+constexpr std::uint64_t kMaxTable = 256u << 20;  // frames.tbl: some 250,000 frames
 constexpr std::size_t kMaxWarnings = 100;
 
 void warn(std::vector<std::string>& warnings, std::string text) {
@@ -90,7 +89,7 @@ Result<Flight> Flight::open(const std::filesystem::path& folder) {
 
 Result<FramePtr> Flight::load(std::size_t index) const {
   const FlightFrame& entry = frames_.at(index);
-  auto bytes = readFile(entry.file, kMaxImage);
+  auto bytes = readFile(entry.file, detail::kMaxImageBytes);
   if (!bytes) return tl::unexpected(bytes.error());
   const auto wrong = [&](ErrorCode code, const std::string& what) {
     return fail(code, fmt::format("{}: {}", entry.file.string(), what));

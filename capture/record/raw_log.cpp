@@ -14,7 +14,8 @@ namespace {
 constexpr std::string_view kMagic = "OVFRAW1\n";
 constexpr std::size_t kHeader = 4 + 1 + 8;  // length, kind, time
 constexpr std::size_t kMaxPayload = 65536;
-constexpr std::uint64_t kMaxFile = 4ull << 30;
+constexpr std::uint64_t kMaxFile = 512u << 20;   // hours of telemetry
+constexpr std::size_t kMaxDamagedInARow = 1000;  // after which the rest is taken for no log at all
 enum Kind : std::uint8_t { kTelemetry = 1, kEdge = 2, kClock = 3 };
 
 template <typename T>
@@ -123,7 +124,8 @@ Result<RawLog> readRawLog(const std::filesystem::path& flight_folder) {
     return fail(ErrorCode::Corrupt, path.string() + " does not begin as a raw log");
   }
   rest = rest.subspan(kMagic.size());
-  while (rest.size() >= kHeader + 4) {
+  std::size_t damaged = 0;
+  while (rest.size() >= kHeader + 4 && damaged < kMaxDamagedInARow) {
     std::span<const std::uint8_t> header = rest;
     const auto length = get<std::uint32_t>(header);
     const auto kind = get<std::uint8_t>(header);
@@ -134,8 +136,10 @@ Result<RawLog> readRawLog(const std::filesystem::path& flight_folder) {
     auto input = whole ? inputFrom(kind, time_ns, rest.subspan(kHeader, length)) : std::nullopt;
     if (input) {
       log.inputs.push_back(std::move(*input));
+      damaged = 0;
     } else {
       ++log.skipped;
+      ++damaged;
     }
     rest = rest.subspan(kHeader + length + 4);
   }

@@ -94,6 +94,10 @@ class FlightRecorder::Files {
     if (const auto problem = problemOf(frame.image)) return fail(ErrorCode::BadInput, *problem);
     if (const auto problem = frame.camera.problem()) return fail(ErrorCode::BadInput, *problem);
     const Image& pixels = frame.image;
+    if (pixels.bytes.size() > detail::kMaxImageBytes) {
+      return fail(ErrorCode::BadInput,
+                  fmt::format("an image of {} bytes is too large to keep", pixels.bytes.size()));
+    }
     if (pixels.width != 0 && (pixels.width != frame.camera.width || pixels.height != frame.camera.height)) {
       return fail(ErrorCode::BadInput,
                   fmt::format("the image is {}x{}, its camera's images are {}x{}", pixels.width,

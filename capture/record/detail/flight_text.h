@@ -11,6 +11,7 @@ namespace overfly::capture::detail {
 
 inline constexpr int kVersion = 1;
 inline constexpr std::size_t kMaxLine = 65536;
+inline constexpr std::uint64_t kMaxImageBytes = 256u << 20;
 
 [[nodiscard]] std::string infoText(const FlightInfo& info);
 [[nodiscard]] Result<FlightInfo> infoFromText(const std::string& text);

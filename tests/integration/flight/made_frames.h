@@ -15,8 +15,11 @@ namespace overfly::capture::testing_data {
 // A folder that is gone with its value.
 class TemporaryFolder {
  public:
-  TemporaryFolder() {
-    std::string name = (std::filesystem::temp_directory_path() / "overfly-test-XXXXXX").string();
+  // In memory where the machine has a folder for that, for tests that make thousands of files.
+  explicit TemporaryFolder(bool in_memory = false) {
+    const bool memory = in_memory && std::filesystem::is_directory("/dev/shm");
+    const std::filesystem::path parent = memory ? "/dev/shm" : std::filesystem::temp_directory_path();
+    std::string name = (parent / "overfly-test-XXXXXX").string();
     path_ = ::mkdtemp(name.data());
   }
   ~TemporaryFolder() {
