@@ -79,15 +79,15 @@ struct Map {
 enum class MatchingCost { Sad, Ssd, Zncc, Census };
 enum class Prefer { Best, Latest, MaxAge };
 struct Sweep {
-  int images = 5;
-  int window = 5;
+  int images = 12;
+  int window = 7;
   MatchingCost cost = MatchingCost::Zncc;
-  bool better_half = true;
+  bool better_half = false;
   int planes = 64;
-  int levels = 3;
-  double regularise = 0.5;      // 0..1
+  int levels = 4;
+  double regularise = 0;      // 0..1
   double working_scale = 1;     // of the frames' resolution
-  double min_confidence = 0.3;  // 0..1
+  double min_confidence = 0.2;  // 0..1
   double max_parallax_deg = 40;
   double min_parallax_deg = 3;
   double search_above_m = 60;  // around the ground that is expected

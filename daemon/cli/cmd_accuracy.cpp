@@ -8,12 +8,13 @@
 #include "daemon/cli/progress.h"
 #include "tiling/accuracy/accuracy.h"
 #include "tiling/mapping/batch_map.h"
+#include "tiling/store/tile_codec.h"
 
 namespace overfly::cli {
 namespace {
 
 struct Arguments {
-  std::string flight;
+  std::string flight, map;
   int images = 0, window = -1, levels = 0, scale = -2, track = 0, match_radius = 0, segment = 0;
   double step = 0, min_score = -1, smooth = -1;
   bool regularise = false, one_surface = false;
@@ -27,10 +28,18 @@ nlohmann::json asJson(const tiling::ErrorStatistics& s) {
           {"beyond_5_gsd", s.beyond_5}, {"beyond_10_gsd", s.beyond_10}};
 }
 
+void printHeader() {
+  fmt::print("{:<24} {:>8} {:>9} {:>8} {:>7} {:>7} {:>6} {:>6} {:>8} {:>8}\n", "errors in GSD", "points",
+             "complete", "median", "NMAD", "RMSE", "p90", "p99", "> 5", "> 10");
+}
+
 void printRow(const std::string& name, const tiling::ErrorStatistics& s) {
   fmt::print("{:<24} {:>8} {:>9.4f} {:>+8.3f} {:>7.3f} {:>7.3f} {:>6.2f} {:>6.2f} {:>8.4f} {:>8.4f}\n", name,
              s.points, s.complete, s.median, s.nmad, s.rmse, s.p90, s.p99, s.beyond_5, s.beyond_10);
 }
+
+Result<int> compareMap(const Arguments& arguments, std::span<const tiling::ReferencePoint> points,
+                       const Context& context);
 
 Result<int> run(const Arguments& arguments, const Context& context) {
   auto flight = capture::importFlight(arguments.flight);
@@ -41,6 +50,7 @@ Result<int> run(const Arguments& arguments, const Context& context) {
   auto points = tiling::readReferencePoints(std::filesystem::path(arguments.flight) / "reference_points.csv",
                                             *flight->info().origin);
   if (!points) return tl::unexpected(points.error());
+  if (!arguments.map.empty()) return compareMap(arguments, *points, context);
   auto gl_context = gl::Context::create();
   if (!gl_context) return tl::unexpected(gl_context.error());
 
@@ -111,8 +121,7 @@ Result<int> run(const Arguments& arguments, const Context& context) {
       "{}: GSD {:.2f} cm, ground at {:.1f} m, tiles at zoom {} ({:.2f} cm a texel), swept at zoom {}\n\n",
       arguments.flight, 100 * ground.gsd_m, ground.height_m, ground.base_zoom, 100 * ground.texel_m,
       result->cell_zoom);
-  fmt::print("{:<24} {:>8} {:>9} {:>8} {:>7} {:>7} {:>6} {:>6} {:>8} {:>8}\n", "errors in GSD", "points",
-             "complete", "median", "NMAD", "RMSE", "p90", "p99", "> 5", "> 10");
+  printHeader();
   printRow(fmt::format("strong (track >= {})", comparison.strong_track), comparison.strong);
   printRow("all", comparison.all);
   fmt::print("\n{} tiles from {} frames in {:.1f} s: {:.3f} s per tile, {:.3f} s per frame\n", tiles.size(),
@@ -126,9 +135,65 @@ Result<int> run(const Arguments& arguments, const Context& context) {
   return kOk;
 }
 
+// A finished map's level-0 tiles and where they lie, instead of mapping the flight here.
+struct FinishedMap {
+  std::map<geo::TileKey, tiling::Tile> tiles;
+  geo::TileLattice lattice = geo::TileLattice::webMercator();
+  int zoom = 0;
+  double gsd_m = 0, anchor_px = 0.5;
+};
+
+Result<FinishedMap> readMap(const std::string& file) {
+  auto reader = tiling::MapReader::open(file);
+  if (!reader) return tl::unexpected(reader.error());
+  auto meta = reader->meta();
+  if (!meta) return tl::unexpected(meta.error());
+  FinishedMap map;
+  auto lattice = geo::TileLattice::parse(meta->lattice);
+  if (!lattice) return tl::unexpected(lattice.error());
+  map.lattice = *lattice;
+  map.zoom = meta->base_zoom;
+  const nlohmann::json extra = nlohmann::json::parse(meta->extra, nullptr, false);
+  if (extra.is_discarded() || !extra.contains("ground"))
+    return fail(ErrorCode::BadInput, file + " does not say its GSD");
+  map.gsd_m = extra["ground"].value("gsd_m", 0.0);
+  map.anchor_px = extra["ground"].value("anchor_px", 0.5);
+  auto keys = reader->keys(map.zoom, tiling::Layer::Elevation, {}, SIZE_MAX);
+  if (!keys) return tl::unexpected(keys.error());
+  for (const geo::TileKey& key : *keys) {
+    auto tile = tiling::readTile(*reader, key, only(tiling::Layer::Elevation) | only(tiling::Layer::Quality));
+    if (!tile) return tl::unexpected(tile.error());
+    map.tiles.emplace(key, std::move(*tile));
+  }
+  return map;
+}
+
+Result<int> compareMap(const Arguments& arguments, std::span<const tiling::ReferencePoint> points,
+                       const Context& context) {
+  auto map = readMap(arguments.map);
+  if (!map) return tl::unexpected(map.error());
+  const tiling::Comparison comparison = tiling::compare(map->tiles, map->lattice, map->zoom, map->anchor_px,
+                                                        points, map->gsd_m, arguments.track);
+  if (context.json) {
+    fmt::print("{}\n", nlohmann::json{{"map", arguments.map},
+                                      {"gsd_m", map->gsd_m},
+                                      {"tiles", map->tiles.size()},
+                                      {"strong_track", comparison.strong_track},
+                                      {"strong", asJson(comparison.strong)},
+                                      {"all", asJson(comparison.all)}}
+                           .dump(2));
+    return kOk;
+  }
+  printHeader();
+  printRow(fmt::format("strong (track >= {})", comparison.strong_track), comparison.strong);
+  printRow("all", comparison.all);
+  return kOk;
+}
+
 void build(CLI::App& command, Context& context) {
   auto arguments = std::make_shared<Arguments>();
   command.add_option("FLIGHT", arguments->flight, "folder of a flight with reference_points.csv")->required();
+  command.add_option("--map", arguments->map, "a finished map to compare instead of mapping the flight here");
   command.add_option("--images", arguments->images, "views per cell, 2..14");
   command.add_option("--window", arguments->window, "radius of the support window, texels");
   command.add_option("--levels", arguments->levels, "levels of the coarse-to-fine search");

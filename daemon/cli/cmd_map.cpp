@@ -1,0 +1,210 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "capture/import/import_flight.h"
+#include "daemon/cli/command.h"
+#include "daemon/cli/progress.h"
+#include "tiling/clipmap/parent.h"
+#include "tiling/mapping/batch_map.h"
+#include "tiling/store/tile_codec.h"
+
+namespace overfly::cli {
+namespace {
+
+constexpr std::size_t kTilesPerCommit = 32;
+
+struct Arguments {
+  std::string flight, map, lattice = "webmercator";
+  double gsd_m = 0, ground_m = 0;
+  bool ground_given = false;
+};
+
+// Collects tiles into transactions.
+class Writer {
+ public:
+  explicit Writer(tiling::MapStore& store) : store_(store), options_(tiling::encodeOptions(store.meta())) {}
+
+  Result<void> add(const tiling::Tile& tile) {
+    auto encoded = tiling::encodeTile(tile, options_);
+    if (!encoded) return tl::unexpected(encoded.error());
+    batch_.tiles.push_back(std::move(*encoded));
+    return batch_.tiles.size() >= kTilesPerCommit ? flush() : Result<void>{};
+  }
+  void add(tiling::FrameRecord frame) { batch_.frames.push_back(std::move(frame)); }
+  Result<void> flush() {
+    if (batch_.tiles.empty() && batch_.frames.empty()) return {};
+    auto revision = store_.commit(batch_);
+    if (!revision) return tl::unexpected(revision.error());
+    batch_ = {};
+    return {};
+  }
+
+ private:
+  tiling::MapStore& store_;
+  tiling::EncodeOptions options_;
+  tiling::Batch batch_;
+};
+
+// All coarser levels from the stored level 0, up to the one where 2x2 tiles cover the map (L-2).
+Result<std::size_t> makePyramid(tiling::MapStore& store) {
+  auto reader = store.reader();
+  if (!reader) return tl::unexpected(reader.error());
+  Writer writer(store);
+  std::size_t made = 0;
+  auto listed = reader->keys(store.meta().base_zoom, tiling::Layer::Color, {}, SIZE_MAX);
+  if (!listed) return tl::unexpected(listed.error());
+  std::vector<geo::TileKey> keys = *listed;
+  const auto spread = [&] {
+    const auto [west, east] =
+        std::minmax_element(keys.begin(), keys.end(), [](const auto& a, const auto& b) { return a.x < b.x; });
+    const auto [north, south] =
+        std::minmax_element(keys.begin(), keys.end(), [](const auto& a, const auto& b) { return a.y < b.y; });
+    return std::max(east->x - west->x, south->y - north->y);
+  };
+  while (!keys.empty() && keys.front().zoom > 0 && spread() > 1) {
+    std::set<geo::TileKey> parents;
+    for (const geo::TileKey& key : keys) parents.insert(geo::parentOf(key));
+    for (const geo::TileKey& parent : parents) {
+      std::array<std::optional<tiling::Tile>, 4> held;
+      std::array<const tiling::Tile*, 4> children{};
+      for (int i = 0; i < 4; ++i) {
+        const auto n = static_cast<std::size_t>(i);
+        auto child = tiling::readTile(*reader, geo::childOf(parent, i));
+        if (!child && child.error().code != ErrorCode::NotFound) return tl::unexpected(child.error());
+        if (child) {
+          held[n] = std::move(*child);
+          children[n] = &*held[n];
+        }
+      }
+      if (auto ok = writer.add(tiling::makeParent(parent, children)); !ok) return tl::unexpected(ok.error());
+      ++made;
+    }
+    if (auto ok = writer.flush(); !ok) return tl::unexpected(ok.error());
+    keys.assign(parents.begin(), parents.end());
+  }
+  return made;
+}
+
+tiling::FrameRecord recordOf(std::uint64_t id, const capture::FlightFrame& source,
+                             const tiling::IndexedFrame& indexed) {
+  tiling::FrameRecord record;
+  const capture::Frame& frame = source.frame;
+  record.id = id;
+  record.name = frame.name;
+  record.camera_id = frame.camera_id;
+  record.camera = frame.camera;
+  record.pose = frame.pose;
+  record.pose_is_adjusted = frame.pose_is_adjusted;
+  record.datum = frame.datum;
+  record.time_ns = frame.time_ns;
+  record.utc_offset_ns = frame.utc_offset_ns;
+  record.exposure_ns = frame.exposure_ns;
+  record.path = std::filesystem::absolute(source.file).string();
+  record.bytes = source.bytes.value_or(0);
+  record.state = tiling::FrameState::Mapped;
+  if (auto footprint = geo::footprint(indexed.camera, indexed.pose, indexed.ground_height_m))
+    record.footprint = *footprint;
+  return record;
+}
+
+Result<int> run(const Arguments& arguments, const Context& context) {
+  auto flight = capture::importFlight(arguments.flight);
+  if (!flight) return tl::unexpected(flight.error());
+  auto lattice = geo::TileLattice::parse(arguments.lattice);
+  if (!lattice) return fail(ErrorCode::BadSettings, "--lattice: " + lattice.error().message);
+  if (std::filesystem::exists(arguments.map))
+    return fail(ErrorCode::BadInput, arguments.map + " exists already: name a new file, or remove it first");
+  auto gl_context = gl::Context::create();
+  if (!gl_context) return tl::unexpected(gl_context.error());
+
+  tiling::BatchOptions options;
+  options.lattice = *lattice;
+  if (arguments.gsd_m > 0) options.gsd_m = arguments.gsd_m;
+  if (arguments.ground_given) options.ground_height_m = arguments.ground_m;
+  std::optional<tiling::MapStore> store;
+  std::optional<Writer> writer;
+  std::size_t tiles = 0;
+  std::unique_ptr<Progress> progress;
+  std::string stage;
+  tiling::BatchEvents events;
+  events.progress = [&](const std::string& name, std::uint64_t done, std::uint64_t total) {
+    if (name != stage) progress = std::make_unique<Progress>("mapping " + name, total);
+    stage = name;
+    progress->update(done);
+  };
+  events.ground = [&](const tiling::MapGround& ground) -> Result<void> {
+    tiling::MapMeta meta;
+    meta.name = std::filesystem::path(arguments.map).stem().string();
+    meta.lattice = ground.lattice.text();
+    meta.datum = flight->info().datum;
+    meta.geoid = flight->info().geoid_model;
+    meta.base_zoom = ground.base_zoom;
+    const capture::Frame& first = flight->at(0).frame;
+    meta.created_utc_ns = first.time_ns + first.utc_offset_ns;
+    meta.extra =
+        nlohmann::json{
+            {"ground",
+             {{"gsd_m", ground.gsd_m}, {"height_m", ground.height_m}, {"anchor_px", ground.anchor_px}}}}
+            .dump();
+    auto created = tiling::MapStore::create(arguments.map, meta);
+    if (!created) return tl::unexpected(created.error());
+    store.emplace(std::move(*created));
+    writer.emplace(*store);
+    return {};
+  };
+  events.frame = [&](std::uint64_t id, const capture::FlightFrame& frame,
+                     const tiling::IndexedFrame& indexed) -> Result<void> {
+    writer->add(recordOf(id, frame, indexed));
+    return {};
+  };
+  events.tile = [&](tiling::Tile&& tile) -> Result<void> {
+    ++tiles;
+    return writer->add(tile);
+  };
+  auto result = tiling::mapFlight(*gl_context, *flight, options, events);
+  progress.reset();
+  if (!result) return tl::unexpected(result.error());
+  if (auto ok = writer->flush(); !ok) return tl::unexpected(ok.error());
+  auto parents = makePyramid(*store);
+  if (!parents) return tl::unexpected(parents.error());
+  if (context.json) {
+    fmt::print("{}\n", nlohmann::json{{"map", arguments.map},
+                                      {"frames", result->frames_used},
+                                      {"refused", result->refused},
+                                      {"tiles", tiles},
+                                      {"parents", *parents},
+                                      {"base_zoom", result->ground.base_zoom},
+                                      {"gsd_m", result->ground.gsd_m},
+                                      {"wall_s", result->wall_s}}
+                           .dump(2));
+    return kOk;
+  }
+  fmt::print("{}: {} tiles at zoom {} and {} above them, from {} frames in {:.1f} s\n", arguments.map, tiles,
+             result->ground.base_zoom, *parents, result->frames_used, result->wall_s);
+  for (const std::string& refused : result->refused) fmt::print("not used: {}\n", refused);
+  return kOk;
+}
+
+void build(CLI::App& command, Context& context) {
+  auto arguments = std::make_shared<Arguments>();
+  command.add_option("FLIGHT", arguments->flight, "folder of a flight")->required();
+  command.add_option("-o,--output", arguments->map, "map file to make")->required();
+  command.add_option("--lattice", arguments->lattice, "webmercator, utm:33N, ups:N, local:LAT,LON");
+  command.add_option("--gsd", arguments->gsd_m, "ground sampling distance of the finest level, metres");
+  CLI::Option* ground =
+      command.add_option("--ground", arguments->ground_m,
+                         "height of the ground in the flight's datum, where the images do not tell");
+  context.onRun(command, [arguments, ground, &context]() -> Result<int> {
+    arguments->ground_given = ground->count() > 0;
+    return run(*arguments, context);
+  });
+}
+
+const Registered registered{"map", "maps a recorded flight, as fast as it can", build};
+
+}  // namespace
+}  // namespace overfly::cli

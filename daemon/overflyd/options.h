@@ -1,0 +1,18 @@
+#pragma once
+#include <memory>
+
+#include "capture/frame_source.h"
+#include "config/settings.h"
+#include "tiling/clipmap/scheduler.h"
+#include "tiling/mapping/mapper.h"
+
+namespace overfly::daemon {
+
+// The stages' own options from the settings.
+[[nodiscard]] tiling::MapperOptions mapperOptions(const config::Settings& settings);
+[[nodiscard]] tiling::SchedulerOptions schedulerOptions(const config::Settings& settings);
+
+// The source that [source] names. BadSettings: not in this build, or no path.
+[[nodiscard]] Result<std::unique_ptr<capture::FrameSource>> makeSource(const config::Source& settings);
+
+}  // namespace overfly::daemon

@@ -1,0 +1,42 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <mutex>
+#include <optional>
+#include <vector>
+
+#include "capture/record/flight.h"
+#include "capture/record/recorder.h"
+#include "config/error.h"
+
+namespace overfly::daemon {
+
+// The frames of a mission on disk: written as they come, read again when a stage needs one that has left
+// memory, and all of them after a restart. A mission that is taken up again gets one more flight folder
+// beside the earlier ones (flight-1, flight-2, ...). Ids count through all of them. Thread-safe.
+class RecordedFrames {
+ public:
+  // `folder`: the mission's. Reads what earlier runs left.
+  [[nodiscard]] static Result<std::unique_ptr<RecordedFrames>> open(const std::filesystem::path& folder);
+
+  // Frames of earlier runs.
+  [[nodiscard]] std::uint64_t earlier() const { return first_id_; }
+  // Writes a frame; returns its id. The first call makes this run's folder.
+  [[nodiscard]] Result<std::uint64_t> record(const capture::Frame& frame, const capture::FlightInfo& info);
+  [[nodiscard]] Result<capture::FramePtr> load(std::uint64_t id);
+  void close();
+
+ private:
+  explicit RecordedFrames(std::filesystem::path folder) : folder_(std::move(folder)) {}
+
+  std::mutex mutex_;
+  std::filesystem::path folder_;
+  std::vector<capture::Flight> parts_;  // of earlier runs
+  std::uint64_t first_id_ = 0;          // of this run
+  std::filesystem::path own_;
+  std::optional<capture::FlightRecorder> recorder_;
+  std::uint64_t recorded_ = 0;
+  std::optional<capture::Flight> own_read_;  // as far as it was read back
+};
+
+}  // namespace overfly::daemon
