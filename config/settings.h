@@ -165,7 +165,7 @@ struct Log {
 struct Gpu {
   std::string device;  // empty: the first that works
   bool software = false;
-  int frame_cache_mb = 256;
+  int frame_cache_mb = 768;
   int slice_ms = 20;
 };
 

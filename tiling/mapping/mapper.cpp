@@ -357,6 +357,10 @@ std::vector<const IndexedFrame*> Mapper::Impl::colourViews(const geo::TileKey& c
       if (round >= list.size() || static_cast<int>(chosen.size()) >= Orthographer::kMaxViews) continue;
       if (taken.insert(list[round].second->id).second) chosen.push_back(list[round].second);
     }
+  // A frame may see no more than a corner between those places, at the map's rim.
+  for (const IndexedFrame* frame : candidates)
+    if (static_cast<int>(chosen.size()) < Orthographer::kMaxViews && taken.insert(frame->id).second)
+      chosen.push_back(frame);
   std::sort(chosen.begin(), chosen.end(), [](const auto* a, const auto* b) { return a->id < b->id; });
   return chosen;
 }
