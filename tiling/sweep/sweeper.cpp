@@ -27,7 +27,7 @@ constexpr const char* kHalfFloatScale = "16.0";
 
 // What one pass gives per texel, see window_best.frag.
 struct Best {
-  float height, score, plane, drop;
+  float height, score, plane, strength;
 };
 
 // The textures of one grid size, kept from tile to tile.
@@ -239,10 +239,10 @@ Result<std::vector<Best>> Sweeper::Impl::sweepRange(const Pass& pass, HeightFiel
                          static_cast<float>(pass.options->path_penalty_jump));
     std::vector<Best> best(flat.size());
     for (std::size_t i = 0; i < flat.size(); ++i)
-      best[i] = {static_cast<float>(pass.plane_step_m) * choice[i].plane, choice[i].score, kCentre,
-                 choice[i].drop};
+      best[i] = {static_cast<float>(pass.plane_step_m) * choice[i].plane, choice[i].score, kCentre, 1.0f};
     return best;
   }
+  const auto interior = [](const Best& b) { return b.plane > 0.5f && b.plane < 5.5f; };
   std::vector<Best> best;
   for (int run = 0; run < runs; ++run) {
     auto found = bestOf(pass, flat, pass.plane_step_m * (run * (kPlanes - 2) + kCentre));
@@ -253,9 +253,12 @@ Result<std::vector<Best>> Sweeper::Impl::sweepRange(const Pass& pass, HeightFiel
       continue;
     }
     for (std::size_t i = 0; i < best.size(); ++i) {
-      const Best& b = (*found)[i];
-      const bool interior = b.plane > 0.5f && b.plane < 5.5f;
-      if (b.score > best[i].score || (b.score == best[i].score && interior)) best[i] = b;
+      // The agreement counts, not the score: each run divides by the strength at its own middle plane. Of two
+      // runs that found the same plane, the one that has both its neighbours gives the parabola.
+      const Best &b = (*found)[i], &a = best[i];
+      const bool same = std::abs(b.height - a.height) < static_cast<float>(pass.plane_step_m);
+      const bool better = b.score * b.strength > a.score * a.strength;
+      if (same && interior(b) != interior(a) ? interior(b) : better) best[i] = b;
     }
   }
   for (Best& b : best) b.plane = kCentre;

@@ -1,6 +1,6 @@
 // Vertical half of the support window, then the best of the seven planes with a parabola through its
-// neighbours. Output: height above the reference, score, index of the best plane (0..6), drop of the score
-// to the lower of the two neighbouring planes.
+// neighbours. Output: height above the reference, score, index of the best plane (0..6), the texture
+// strength that the score was divided by.
 // With RAW the window sums are handed on instead (for path aggregation): seven planes and the strength.
 uniform sampler2D first_in;
 uniform sampler2D second_in;
@@ -39,14 +39,13 @@ void main() {
   int best = 3;
   for (int j = 0; j < 7; ++j)
     if (s[j] > s[best]) best = j;
-  float offset = 0.0, drop = 0.0;
+  float offset = 0.0;
   if (best > 0 && best < 6) {
     float below = s[best - 1], above = s[best + 1];
     float curvature = below - 2.0 * s[best] + above;
-    drop = s[best] - max(below, above);
     if (curvature < -1e-9) offset = clamp(0.5 * (below - above) / curvature, -0.5, 0.5);
   }
   best_out = vec4(texelFetch(base_height, texel, 0).r + height_offset + plane_step * (float(best - 3) + offset),
-                  s[best] * normalise, float(best), drop * normalise);
+                  s[best] * normalise, float(best), 1.0 / normalise);
 #endif
 }
