@@ -123,9 +123,7 @@ int run(const std::optional<std::filesystem::path>& file, const std::vector<std:
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app(
-      "Maps while the drone flies: frames with pose in, tiles out. See overfly(1) for everything else.",
-      "overflyd");
+  CLI::App app("Maps while the drone flies: frames with pose in, tiles out.", "overflyd");
   std::string file;
   std::vector<std::string> overrides;
   bool exit_when_done = false;

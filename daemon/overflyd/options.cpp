@@ -5,6 +5,21 @@
 #include "render/scene/scene_source.h"
 
 namespace overfly::daemon {
+namespace {
+
+// A daemon that was not told its source yet: it shows its maps and waits for the setting.
+class NoSource final : public capture::FrameSource {
+ public:
+  Result<void> open() override {
+    return fail(ErrorCode::Unavailable, "source.path is empty: name a flight folder or a scene, and restart");
+  }
+  Result<capture::FramePtr> next(std::chrono::milliseconds) override { return capture::FramePtr{}; }
+  void stop() override {}
+  void close() override {}
+  [[nodiscard]] std::string describe() const override { return "none"; }
+};
+
+}  // namespace
 
 tiling::MapperOptions mapperOptions(const config::Settings& settings) {
   tiling::MapperOptions options;
@@ -44,8 +59,7 @@ tiling::SchedulerOptions schedulerOptions(const config::Settings& settings) {
 }
 
 Result<std::unique_ptr<capture::FrameSource>> makeSource(const config::Source& settings) {
-  if (settings.path.empty())
-    return fail(ErrorCode::BadSettings, "source.path is empty: name a flight folder or a scene");
+  if (settings.path.empty()) return std::make_unique<NoSource>();
   switch (settings.kind) {
     case config::SourceKind::Replay: {
       capture::ReplayOptions options;

@@ -12,7 +12,8 @@ namespace overfly::daemon {
 [[nodiscard]] tiling::MapperOptions mapperOptions(const config::Settings& settings);
 [[nodiscard]] tiling::SchedulerOptions schedulerOptions(const config::Settings& settings);
 
-// The source that [source] names. BadSettings: not in this build, or no path.
+// The source that [source] names. Without a path: one that waits for it.
+// BadSettings: not in this build.
 [[nodiscard]] Result<std::unique_ptr<capture::FrameSource>> makeSource(const config::Source& settings);
 
 }  // namespace overfly::daemon

@@ -150,11 +150,14 @@ void Pipeline::giveUp(const Error& error) {
 // --- capture -----------------------------------------------------------------------------------------------
 
 void Pipeline::capture(const std::stop_token& stop) {
+  std::string last_problem;
   while (!stop.stop_requested()) {
     if (auto opened = source_->open(); !opened) {
       if (opened.error().code == ErrorCode::BadSettings || opened.error().code == ErrorCode::NotFound)
         return giveUp(opened.error());
-      spdlog::warn("{}: {}", source_->describe(), opened.error().message);
+      if (opened.error().message != last_problem)
+        spdlog::warn("{}: {}", source_->describe(), opened.error().message);
+      last_problem = opened.error().message;
       std::unique_lock lock(mutex_);
       wake_.wait_for(lock, stop, std::chrono::duration<double>(settings_.source.retry_s),
                      [] { return false; });
@@ -481,12 +484,16 @@ void Pipeline::map(const std::stop_token& stop) {
 
 void Pipeline::encode(const std::stop_token& stop) {
   std::optional<tiling::EncodeOptions> options;
+  std::optional<std::chrono::steady_clock::time_point> until;
   for (;;) {
     Encoding work;
     {
       std::unique_lock lock(mutex_);
       wake_.wait(lock, stop, [&] { return !encoding_.empty(); });
       if (encoding_.empty()) break;
+      // What cannot be encoded in time is made again when the mission is taken up.
+      if (stop.stop_requested() && !until) until = std::chrono::steady_clock::now() + 700ms;
+      if (until && std::chrono::steady_clock::now() > *until) break;
       work = std::move(encoding_.front());
       encoding_.pop_front();
       wake_.notify_all();
@@ -517,7 +524,7 @@ void Pipeline::encode(const std::stop_token& stop) {
       std::this_thread::sleep_for(100ms);
     }
   }
-  if (writer_) (void)writer_->flush(1500ms);
+  if (writer_) (void)writer_->flush(1000ms);
 }
 
 }  // namespace overfly::daemon
