@@ -27,7 +27,8 @@ class RetentionTest : public StoreTest {
   }
   [[nodiscard]] std::vector<std::uint64_t> dropped(std::uint64_t budget) const {
     std::vector<std::uint64_t> ids;
-    for (const FrameRecord& record : planRetention(*store_->reader(), folder_, budget)->batch.frames)
+    const auto plan = planRetention(*store_->reader(), folder_, budget);
+    for (const FrameRecord& record : plan->batch.frames)
       ids.push_back(record.id);
     return ids;
   }
