@@ -85,7 +85,7 @@ struct Sweep {
   bool better_half = false;
   int planes = 64;
   int levels = 4;
-  double regularise = 0;      // 0..1
+  double regularise = 0;        // 0..1
   double working_scale = 1;     // of the frames' resolution
   double min_confidence = 0.2;  // 0..1
   double max_parallax_deg = 40;

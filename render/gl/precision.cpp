@@ -34,7 +34,8 @@ Result<Precision> probePrecision(Context& context) {
   fragment->set("one", 1.0F);
   drawFullScreen(*fragment, *framebuffer);
   std::array<std::uint8_t, 4> texel{};
-  if (auto done = target->download(std::span<std::uint8_t>(texel)); !done) return tl::unexpected(done.error());
+  if (auto done = target->download(std::span<std::uint8_t>(texel)); !done)
+    return tl::unexpected(done.error());
   out.fragment_bits = texel[0];
   return out;
 }

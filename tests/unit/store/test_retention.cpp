@@ -28,8 +28,7 @@ class RetentionTest : public StoreTest {
   [[nodiscard]] std::vector<std::uint64_t> dropped(std::uint64_t budget) const {
     std::vector<std::uint64_t> ids;
     const auto plan = planRetention(*store_->reader(), folder_, budget);
-    for (const FrameRecord& record : plan->batch.frames)
-      ids.push_back(record.id);
+    for (const FrameRecord& record : plan->batch.frames) ids.push_back(record.id);
     return ids;
   }
   std::optional<MapStore> store_;
