@@ -10,6 +10,7 @@
 #include "daemon/cli/progress.h"
 #include "tiling/clipmap/parent.h"
 #include "tiling/mapping/batch_map.h"
+#include "tiling/store/make_frame_record.h"
 #include "tiling/store/tile_codec.h"
 
 namespace overfly::cli {
@@ -91,18 +92,7 @@ Result<std::size_t> makePyramid(tiling::MapStore& store) {
 
 tiling::FrameRecord recordOf(std::uint64_t id, const capture::FlightFrame& source,
                              const tiling::IndexedFrame& indexed) {
-  tiling::FrameRecord record;
-  const capture::Frame& frame = source.frame;
-  record.id = id;
-  record.name = frame.name;
-  record.camera_id = frame.camera_id;
-  record.camera = frame.camera;
-  record.pose = frame.pose;
-  record.pose_is_adjusted = frame.pose_is_adjusted;
-  record.datum = frame.datum;
-  record.time_ns = frame.time_ns;
-  record.utc_offset_ns = frame.utc_offset_ns;
-  record.exposure_ns = frame.exposure_ns;
+  tiling::FrameRecord record = tiling::makeFrameRecord(id, source.frame);
   record.path = std::filesystem::absolute(source.file).string();
   record.bytes = source.bytes.value_or(0);
   record.state = tiling::FrameState::Mapped;

@@ -12,6 +12,7 @@
 #include "capture/replay/replay_source.h"
 #include "daemon/overflyd/options.h"
 #include "tiling/clipmap/parent.h"
+#include "tiling/store/make_frame_record.h"
 #include "tiling/store/tile_codec.h"
 
 namespace overfly::daemon {
@@ -29,21 +30,6 @@ std::int64_t now_ns() {
   timespec t{};
   clock_gettime(CLOCK_BOOTTIME, &t);
   return std::int64_t{t.tv_sec} * 1'000'000'000 + t.tv_nsec;
-}
-
-tiling::FrameRecord recordOf(std::uint64_t id, const capture::Frame& frame) {
-  tiling::FrameRecord record;
-  record.id = id;
-  record.name = frame.name;
-  record.camera_id = frame.camera_id;
-  record.camera = frame.camera;
-  record.pose = frame.pose;
-  record.pose_is_adjusted = frame.pose_is_adjusted;
-  record.datum = frame.datum;
-  record.time_ns = frame.time_ns;
-  record.utc_offset_ns = frame.utc_offset_ns;
-  record.exposure_ns = frame.exposure_ns;
-  return record;
 }
 
 tiling::PlaneBox boxOf(const std::array<Eigen::Vector2d, 4>& polygon) {
@@ -312,7 +298,7 @@ Result<void> Pipeline::takeFrame(tiling::Mapper& mapper, const Waiting& waiting)
     for (tiling::Tile& tile : *tiles) first_sight.push_back(std::move(tile));
   }
   if (!first_sight.empty()) publish(std::move(first_sight));
-  tiling::FrameRecord stored = recordOf(waiting.id, *waiting.frame);
+  tiling::FrameRecord stored = tiling::makeFrameRecord(waiting.id, *waiting.frame);
   stored.state = tiling::FrameState::Mapped;
   if (record.near_vertical) stored.box = boxOf(record.footprint);
   if (auto footprint = geo::footprint(record.camera, record.pose, record.ground_height_m))
