@@ -31,12 +31,14 @@ struct Frame {
   std::string name;                // file name without folder, or "%08u.jpg" for live frames
   std::string camera_id;           // names the CameraModel within the flight
   std::int64_t time_ns = 0;        // middle of the exposure, CLOCK_BOOTTIME, nanoseconds
+  std::int64_t time_sigma_ns = 0;  // of time_ns, 1 sigma; a pose's covariance holds it already
   std::int64_t utc_offset_ns = 0;  // add to time_ns for UTC (Unix epoch, nanoseconds)
   std::int64_t exposure_ns = 0;    // 0: unknown
   double gain = 0;                 // linear sensor gain; 0: unknown
   Image image;
   CameraModel camera;
   std::optional<Pose> pose;                      // absent: recorded, not mapped until one arrives
+  std::string no_pose_reason;                    // while it is absent: a few fixed words, to be counted by
   bool pose_is_adjusted = false;                 // true: came from a bundle adjustment and is kept as it is
   VerticalDatum datum = VerticalDatum::Unknown;  // of the pose's height
 };

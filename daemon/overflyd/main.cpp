@@ -67,7 +67,7 @@ int run(const std::optional<std::filesystem::path>& file, const std::vector<std:
   spdlog::set_default_logger(spdlog::stderr_logger_mt("overflyd"));
   spdlog::set_pattern("%l: %v");
 
-  auto source = daemon::makeSource(settings.source);
+  auto source = daemon::makeSource(settings);
   if (!source) return exitStatus(source.error());
 
   sigset_t signals;

@@ -2,6 +2,7 @@
 
 #include "capture/geo/geodetic.h"
 #include "capture/replay/replay_source.h"
+#include "daemon/overflyd/live.h"
 #include "render/scene/scene_source.h"
 
 namespace overfly::daemon {
@@ -58,27 +59,30 @@ tiling::SchedulerOptions schedulerOptions(const config::Settings& settings) {
   return options;
 }
 
-Result<std::unique_ptr<capture::FrameSource>> makeSource(const config::Source& settings) {
-  if (settings.path.empty()) return std::make_unique<NoSource>();
-  switch (settings.kind) {
+Result<std::unique_ptr<capture::FrameSource>> makeSource(const config::Settings& settings) {
+  const config::Source& source = settings.source;
+  const bool live = source.kind == config::SourceKind::V4l2 || source.kind == config::SourceKind::Libcamera;
+  if (source.path.empty() && !live) return std::make_unique<NoSource>();
+  switch (source.kind) {
     case config::SourceKind::Replay: {
       capture::ReplayOptions options;
-      options.speed = settings.speed;
-      options.loop = settings.loop;
-      options.start = static_cast<std::size_t>(settings.start_frame);
-      return std::make_unique<capture::ReplaySource>(settings.path, options);
+      options.speed = source.speed;
+      options.loop = source.loop;
+      options.start = static_cast<std::size_t>(source.start_frame);
+      return std::make_unique<capture::ReplaySource>(source.path, options);
     }
     case config::SourceKind::Scene: {
       scene::SceneSourceOptions options;
-      options.speed = settings.speed;
-      return std::make_unique<scene::SceneSource>(settings.path, options);
+      options.speed = source.speed;
+      return std::make_unique<scene::SceneSource>(source.path, options);
     }
     case config::SourceKind::V4l2:
     case config::SourceKind::Libcamera:
       break;
   }
-  return fail(ErrorCode::BadSettings,
-              "source.kind: live cameras are not in this build; allowed: replay, scene");
+  auto camera = makeCamera(settings);
+  if (!camera) return tl::unexpected(camera.error());
+  return std::move(*camera);
 }
 
 }  // namespace overfly::daemon

@@ -14,6 +14,6 @@ namespace overfly::daemon {
 
 // The source that [source] names. Without a path: one that waits for it.
 // BadSettings: not in this build.
-[[nodiscard]] Result<std::unique_ptr<capture::FrameSource>> makeSource(const config::Source& settings);
+[[nodiscard]] Result<std::unique_ptr<capture::FrameSource>> makeSource(const config::Settings& settings);
 
 }  // namespace overfly::daemon
