@@ -35,6 +35,12 @@ Cover coverAt(vec2 p) {
   return r;
 }
 
+// Only the base of the nearest texel.
+uint baseAt(vec2 p) {
+  vec2 q = (p - coverOrigin()) * coverTexelsPerMetre();
+  return coverTexel(int(floor(q.x)), int(floor(q.y))) >> 24;
+}
+
 float areaOf(float distance, float soft) { return smoothstep(-soft, soft, distance); }
 
 // Linear albedo of the ground at (east, north).
@@ -43,8 +49,7 @@ vec3 groundAlbedo(vec2 p, float width) {
   float fine = 0.8f * octaves(p, width, 0.45f, 0.011f, 0.92f, 0x811c9dc5u);
   float edge = 0.25f * valueNoise(p * 1.7f, 0x51ed270bu) + 0.1f * fine;  // borders of parcels are ragged
   Cover here = coverAt(p);
-  Cover ragged = coverAt(p + vec2(edge, -edge) * 1.6f);
-  uint base = ragged.base;
+  uint base = baseAt(p + vec2(edge, -edge) * 1.6f);
   float soft = max(0.5f * width, 0.012f);
 
   // Nature: two colours mixed by the coarse noise, modulated by the fine one; rows where a field has them.
@@ -105,7 +110,9 @@ vec3 groundAlbedo(vec2 p, float width) {
     row_colour = vec3(0.230f, 0.165f, 0.060f);
   }
   vec3 colour = mix(low, high, clamp(0.5f + 0.8f * coarse + 0.35f * fine, 0.0f, 1.0f));
-  if (row_period > 0.0f) {
+  // Loops of one turn at most: where no pixel of a group needs them they are left out, which a software
+  // rasteriser does for loops and not for branches.
+  for (int once = 0; once < (row_period > 0.0f ? 1 : 0); ++once) {
     float wander = 0.12f * valueNoise(p * 0.35f, 0x27d4eb2fu) + 0.06f * fine;
     float along = base == 3u ? 0.906f * p.x + 0.423f * p.y : 0.292f * p.x - 0.956f * p.y;
     colour = mix(colour, row_colour, 0.75f * stripes(along + wander, row_period, 0.38f, width));
@@ -116,23 +123,27 @@ vec3 groundAlbedo(vec2 p, float width) {
   vec3 soil = mix(vec3(0.095f, 0.066f, 0.036f), vec3(0.060f, 0.110f, 0.030f), smoothstep(-0.1f, 0.35f, coarse + fine));
   colour = mix(colour, soil * (1.0f + 0.8f * fine), areaOf(here.bed + 0.15f * edge, soft));
 
-  float slab = unitOf(cellHash(int(floor(p.x / 0.6f)), int(floor(p.y / 0.6f)), 0x165667b1u));
-  float joints = max(stripes(p.x, 0.6f, 0.05f, width), stripes(p.y, 0.6f, 0.05f, width));
-  vec3 slabs = vec3(0.300f, 0.280f, 0.250f) * (0.86f + 0.28f * slab + 0.30f * fine + 0.25f * coarse) * (1.0f - 0.45f * joints);
-  colour = mix(colour, slabs, areaOf(here.paved, soft));
+  for (int once = 0; once < (here.paved > -soft ? 1 : 0); ++once) {
+    float slab = unitOf(cellHash(int(floor(p.x / 0.6f)), int(floor(p.y / 0.6f)), 0x165667b1u));
+    float joints = max(stripes(p.x, 0.6f, 0.05f, width), stripes(p.y, 0.6f, 0.05f, width));
+    vec3 slabs = vec3(0.300f, 0.280f, 0.250f) * (0.86f + 0.28f * slab + 0.30f * fine + 0.25f * coarse) * (1.0f - 0.45f * joints);
+    colour = mix(colour, slabs, areaOf(here.paved, soft));
+  }
 
   float kerb = here.street + kerbWidth();
-  vec3 walk = vec3(0.275f, 0.270f, 0.262f) * (0.9f + 0.35f * fine + 0.3f * coarse);
-  walk = walk * (1.0f - 0.35f * (1.0f - smoothstep(0.0f, max(width, 0.05f), abs(here.street))));
-  colour = mix(colour, walk, areaOf(kerb, soft));
+  for (int once = 0; once < (kerb > -soft ? 1 : 0); ++once) {
+    vec3 walk = vec3(0.275f, 0.270f, 0.262f) * (0.9f + 0.35f * fine + 0.3f * coarse);
+    walk = walk * (1.0f - 0.35f * (1.0f - smoothstep(0.0f, max(width, 0.05f), abs(here.street))));
+    colour = mix(colour, walk, areaOf(kerb, soft));
 
-  float patch_tone = step(0.28f, valueNoise(p * 0.21f, 0xd3a2646cu));  // repaired stretches
-  float crack = 1.0f - smoothstep(0.010f, 0.022f + width, abs(valueNoise(p * 0.55f + vec2(fine, fine) * 0.25f, 0xfd7046c5u)));
-  vec3 asphalt = mix(vec3(0.118f, 0.116f, 0.114f), vec3(0.078f, 0.078f, 0.081f), 0.75f * patch_tone);
-  asphalt = asphalt * (1.0f + 0.55f * fine + 0.35f * coarse) * (1.0f - 0.45f * crack * keptOf(width, 0.1f));
-  float line = areaOf(0.06f - abs(here.street - 0.30f), soft) * streetLines();
-  asphalt = mix(asphalt, vec3(0.62f, 0.62f, 0.60f) * (0.85f + 0.4f * fine), line * step(-0.25f, fine));
-  colour = mix(colour, asphalt, areaOf(here.street, soft));
+    float patch_tone = step(0.28f, valueNoise(p * 0.21f, 0xd3a2646cu));  // repaired stretches
+    float crack = 1.0f - smoothstep(0.010f, 0.022f + width, abs(valueNoise(p * 0.55f + vec2(fine, fine) * 0.25f, 0xfd7046c5u)));
+    vec3 asphalt = mix(vec3(0.118f, 0.116f, 0.114f), vec3(0.078f, 0.078f, 0.081f), 0.75f * patch_tone);
+    asphalt = asphalt * (1.0f + 0.55f * fine + 0.35f * coarse) * (1.0f - 0.45f * crack * keptOf(width, 0.1f));
+    float line = areaOf(0.06f - abs(here.street - 0.30f), soft) * streetLines();
+    asphalt = mix(asphalt, vec3(0.62f, 0.62f, 0.60f) * (0.85f + 0.4f * fine), line * step(-0.25f, fine));
+    colour = mix(colour, asphalt, areaOf(here.street, soft));
+  }
   return vec3(max(colour.x, 0.004f), max(colour.y, 0.004f), max(colour.z, 0.004f));
 }
 

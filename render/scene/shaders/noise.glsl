@@ -19,23 +19,29 @@ uint cellHash(int x, int y, uint seed) { return mixBits((uint(x) * 0x9e3779b1u) 
 // Uniform in [0, 1), 24 bits.
 float unitOf(uint h) { return float(h >> 8) * 5.9604644775390625e-8f; }
 
-// Value noise, cells of side 1, in [-1, 1], C1.
+// Value noise, cells of side 1, in [-1, 1], C1. A frame asks for it a dozen times a pixel, so a corner's value
+// is mixed by one multiplication, which is enough for its upper 24 bits: the lower ones are not read.
+float cornerValue(uint h) {
+  h ^= h >> 15;
+  h *= 0x2c1b3c6du;
+  return float(int(h >> 8));
+}
+
 float valueNoise(vec2 p, uint seed) {
   float fx = floor(p.x);
   float fy = floor(p.y);
-  int ix = int(fx);
-  int iy = int(fy);
   float tx = p.x - fx;
   float ty = p.y - fy;
   tx = tx * tx * (3.0f - 2.0f * tx);
   ty = ty * ty * (3.0f - 2.0f * ty);
-  uint x0 = uint(ix) * 0x9e3779b1u;
-  uint x1 = uint(ix + 1) * 0x9e3779b1u;
-  uint y0 = (uint(iy) * 0x85ebca77u) ^ seed;
-  uint y1 = (uint(iy + 1) * 0x85ebca77u) ^ seed;
-  float a = mix(unitOf(mixBits(x0 ^ y0)), unitOf(mixBits(x1 ^ y0)), tx);
-  float b = mix(unitOf(mixBits(x0 ^ y1)), unitOf(mixBits(x1 ^ y1)), tx);
-  return mix(a, b, ty) * 2.0f - 1.0f;
+  uint x0 = uint(int(fx)) * 0x9e3779b1u;
+  uint x1 = x0 + 0x9e3779b1u;
+  uint row = uint(int(fy)) * 0x85ebca77u;
+  uint y0 = row ^ seed;
+  uint y1 = (row + 0x85ebca77u) ^ seed;
+  float a = mix(cornerValue(x0 ^ y0), cornerValue(x1 ^ y0), tx);
+  float b = mix(cornerValue(x0 ^ y1), cornerValue(x1 ^ y1), tx);
+  return mix(a, b, ty) * 1.1920928955078125e-7f - 1.0f;
 }
 
 // What a pixel of side `width` keeps of detail with cells of side `cell`.
