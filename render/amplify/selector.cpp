@@ -24,6 +24,7 @@ Result<void> assign(T& target, Made&& made) {
 Result<PlantSelector> PlantSelector::create(gl::Context& context, const Population& population,
                                             const HeightGrid& ground, int capacity) {
   PlantSelector s;
+  s.context_ = &context;
   s.range_ = population.tiles();
   s.capacity_ = capacity;
   s.seed_ = population.seed;
@@ -107,7 +108,17 @@ void PlantSelector::setInputs(gl::Program& program, const PlantView& view) {
   program.set("rings", Eigen::Vector3f(view.rings.cast<float>()));
 }
 
+void PlantSelector::finishPass(double& milliseconds) {
+  if (!measure_) return;
+  context_->finish();
+  const auto now = std::chrono::steady_clock::now();
+  milliseconds = std::chrono::duration<double, std::milli>(now - pass_start_).count();
+  pass_start_ = now;
+}
+
 Result<std::array<int, kPlantBins>> PlantSelector::select(const PlantView& view) {
+  cost_ = {};
+  pass_start_ = std::chrono::steady_clock::now();
   const int tiles = static_cast<int>(this->tiles());
   patterns_.bindStorage(0);
   tile_map_.bindStorage(1);
@@ -120,14 +131,25 @@ Result<std::array<int, kPlantBins>> PlantSelector::select(const PlantView& view)
   setInputs(load_map_, view);
   load_map_.set("ground_range", ground_range_);
   load_map_.set("tallest", tallest);
-  gl::dispatchOver(load_map_, tiles, 1, 1, gl::Barrier::Storage);
+  gl::dispatchOver(load_map_, tiles, 1, 1,
+                   measure_ ? gl::Barrier::Storage | gl::Barrier::BufferUpdate : gl::Barrier::Storage);
+  finishPass(cost_.load_map_ms);
   setInputs(select_, view);
   gl::dispatch(select_, tiles, 1, 1, gl::Barrier::Storage);
+  finishPass(cost_.select_ms);
   setInputs(scan_, view);
   gl::dispatch(scan_, 1, 1, 1, gl::Barrier::Storage | gl::Barrier::BufferUpdate);
   setInputs(scatter_, view);
   scatter_.set("capacity", capacity_);
   gl::dispatch(scatter_, tiles, 1, 1, gl::Barrier::Storage | gl::Barrier::Vertex | gl::Barrier::BufferUpdate);
+  finishPass(cost_.compact_ms);
+  if (measure_) {
+    std::vector<std::uint32_t> visible(static_cast<std::size_t>(tiles));
+    if (Result<void> read = tile_map_.download(std::span(visible)); !read)
+      return tl::unexpected<Error>(read.error());
+    cost_.checked_seeds =
+        SeedPatterns::kSeeds * static_cast<std::size_t>(std::count(visible.begin(), visible.end(), 1u));
+  }
   std::array<std::uint32_t, kPlantBins> totals{};
   if (Result<void> read = totals_.download(std::span<std::uint32_t>(totals)); !read)
     return tl::unexpected<Error>(read.error());

@@ -1,6 +1,7 @@
 #pragma once
 #include <Eigen/Core>
 #include <array>
+#include <chrono>
 #include <memory>
 #include <span>
 
@@ -27,6 +28,13 @@ struct PlantView {
   Eigen::Vector3d rings{700, 1400, 3000};  // LOD 0, 1, 2 up to these distances, metres (Amara et al., 4.2)
 };
 
+// What a selection cost, as the paper's table 1 has it: its pass 1 (tile load map) and pass 3 (seeds: chosen,
+// compacted, packed).
+struct SelectionCost {
+  double load_map_ms = 0, select_ms = 0, compact_ms = 0;
+  std::size_t checked_seeds = 0;  // of the tiles that the load map left in
+};
+
 inline constexpr int kPlantBins = 9;  // (species - 1) * 3 + LOD
 
 // Selects a view's plants on the GPU, from nothing but patterns, land cover, ground and rules (Amara et al.,
@@ -45,18 +53,27 @@ class PlantSelector {
   // Fills instances(); the counts are those of each bin.
   [[nodiscard]] Result<std::array<int, kPlantBins>> select(const PlantView& view);
 
+  // Waits after every pass, so that lastCost() can be read; costs a little.
+  void measure(bool on) { measure_ = on; }
+  [[nodiscard]] const SelectionCost& lastCost() const { return cost_; }
+
   // Plants of bin b begin at b * capacity() * sizeof(Plant).
   [[nodiscard]] const gl::Buffer& instances() const { return instances_; }
   [[nodiscard]] int capacity() const { return capacity_; }
-  // Seeds looked at by the last select(): those of every visible tile.
+  // Of the whole population, visible or not.
   [[nodiscard]] std::size_t tiles() const {
     return static_cast<std::size_t>(range_.x1 - range_.x0) * static_cast<std::size_t>(range_.y1 - range_.y0);
   }
 
  private:
   PlantSelector() = default;
+  void finishPass(double& milliseconds);
   void setInputs(gl::Program& program, const PlantView& view);
 
+  gl::Context* context_ = nullptr;
+  bool measure_ = false;
+  std::chrono::steady_clock::time_point pass_start_;
+  SelectionCost cost_;
   Population::TileRange range_;
   int capacity_ = 0;
   std::uint32_t seed_ = 0;
