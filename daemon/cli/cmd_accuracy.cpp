@@ -6,6 +6,8 @@
 #include "capture/import/import_flight.h"
 #include "daemon/cli/command.h"
 #include "daemon/cli/progress.h"
+#include "daemon/cli/scene_accuracy.h"
+#include "render/scene/description.h"
 #include "tiling/accuracy/accuracy.h"
 #include "tiling/mapping/batch_map.h"
 #include "tiling/store/tile_codec.h"
@@ -18,7 +20,31 @@ struct Arguments {
   int images = 0, window = -1, levels = 0, scale = -2, track = 0, match_radius = 0, segment = 0;
   double step = 0, min_score = -1, smooth = -1;
   bool regularise = false, one_surface = false;
+  SceneAccuracyOptions scene;
 };
+
+// A scene is named by its file, or by one word that is no folder.
+bool isScene(const std::string& name) {
+  return name.ends_with(".toml") || (name.find('/') == std::string::npos && !std::filesystem::exists(name) &&
+                                     scene::loadScene(name).has_value());
+}
+
+tiling::BatchOptions batchOptions(const Arguments& arguments) {
+  tiling::BatchOptions options;
+  tiling::SweepOptions& sweep = options.mapper.sweep;
+  if (arguments.images > 0) sweep.max_views = arguments.images;
+  if (arguments.window >= 0) sweep.window_radius = arguments.window;
+  if (arguments.levels > 0) sweep.levels = arguments.levels;
+  if (arguments.step > 0) sweep.plane_step = arguments.step;
+  if (arguments.min_score >= 0) sweep.min_score = arguments.min_score;
+  if (arguments.smooth >= 0) sweep.smooth_planes = arguments.smooth;
+  if (arguments.segment > 0) sweep.min_segment = arguments.segment;
+  if (arguments.match_radius > 0) options.mapper.match.radius = arguments.match_radius;
+  if (arguments.scale >= -1) options.mapper.working_scale = arguments.scale;
+  sweep.regularise = arguments.regularise;
+  sweep.two_surfaces = !arguments.one_surface;
+  return options;
+}
 
 nlohmann::json asJson(const tiling::ErrorStatistics& s) {
   return {{"points", s.points},         {"measured", s.measured},
@@ -42,6 +68,12 @@ Result<int> compareMap(const Arguments& arguments, std::span<const tiling::Refer
                        const Context& context);
 
 Result<int> run(const Arguments& arguments, const Context& context) {
+  if (isScene(arguments.flight)) {
+    SceneAccuracyOptions options = arguments.scene;
+    options.scene = arguments.flight;
+    options.json = context.json;
+    return sceneAccuracy(options, batchOptions(arguments));
+  }
   auto flight = capture::importFlight(arguments.flight);
   if (!flight) return tl::unexpected(flight.error());
   if (!flight->info().origin)
@@ -54,20 +86,7 @@ Result<int> run(const Arguments& arguments, const Context& context) {
   auto gl_context = gl::Context::create();
   if (!gl_context) return tl::unexpected(gl_context.error());
 
-  tiling::BatchOptions options;
-  tiling::SweepOptions& sweep = options.mapper.sweep;
-  if (arguments.images > 0) sweep.max_views = arguments.images;
-  if (arguments.window >= 0) sweep.window_radius = arguments.window;
-  if (arguments.levels > 0) sweep.levels = arguments.levels;
-  if (arguments.step > 0) sweep.plane_step = arguments.step;
-  if (arguments.min_score >= 0) sweep.min_score = arguments.min_score;
-  if (arguments.smooth >= 0) sweep.smooth_planes = arguments.smooth;
-  if (arguments.segment > 0) sweep.min_segment = arguments.segment;
-  if (arguments.match_radius > 0) options.mapper.match.radius = arguments.match_radius;
-  if (arguments.scale >= -1) options.mapper.working_scale = arguments.scale;
-  sweep.regularise = arguments.regularise;
-  sweep.two_surfaces = !arguments.one_surface;
-
+  const tiling::BatchOptions options = batchOptions(arguments);
   std::map<geo::TileKey, tiling::Tile> tiles;
   tiling::BatchEvents events;
   std::unique_ptr<Progress> progress;
@@ -192,7 +211,11 @@ Result<int> compareMap(const Arguments& arguments, std::span<const tiling::Refer
 
 void build(CLI::App& command, Context& context) {
   auto arguments = std::make_shared<Arguments>();
-  command.add_option("FLIGHT", arguments->flight, "folder of a flight with reference_points.csv")->required();
+  command
+      .add_option("FLIGHT", arguments->flight,
+                  "folder of a flight with reference_points.csv; or a scene, which is rendered, mapped and "
+                  "compared with its truth")
+      ->required();
   command.add_option("--map", arguments->map, "a finished map to compare instead of mapping the flight here");
   command.add_option("--images", arguments->images, "views per cell, 2..14");
   command.add_option("--window", arguments->window, "radius of the support window, texels");
@@ -206,6 +229,16 @@ void build(CLI::App& command, Context& context) {
   command.add_option("--track", arguments->track, "frames that must see a strong point; 0: the mean");
   command.add_flag("--regularise", arguments->regularise, "semi-global aggregation on the coarsest grid");
   command.add_flag("--one-surface", arguments->one_surface, "no second search at steps");
+  SceneAccuracyOptions& scene = arguments->scene;
+  command.add_option("--effects", scene.effects,
+                     "scene: these effects instead of its own: NAME,NAME or none");
+  command.add_flag("--each-effect", scene.each_effect,
+                   "scene: also without each of its effects, and without any");
+  command.add_option("--reduce", scene.reduce, "scene: pictures of so many times fewer columns and rows")
+      ->check(CLI::Range(1, 8));
+  command.add_flag("--table", scene.table, "scene: one row of a Markdown table per set of effects");
+  command.add_option("--frames", scene.frames, "scene: only the first so many frames")
+      ->check(CLI::PositiveNumber);
   context.onRun(command, [arguments, &context]() -> Result<int> { return run(*arguments, context); });
 }
 

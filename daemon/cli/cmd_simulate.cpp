@@ -1,18 +1,15 @@
 #include <fmt/format.h>
 
-#include <cmath>
-#include <filesystem>
-#include <fstream>
+#include <algorithm>
 #include <map>
 #include <memory>
-#include <optional>
+#include <nlohmann/json.hpp>
+#include <string>
 
-#include "capture/geo/footprint.h"
-#include "capture/record/recorder.h"
 #include "daemon/cli/command.h"
 #include "daemon/cli/progress.h"
+#include "render/scene/record_scene.h"
 #include "render/scene/renderer.h"
-#include "render/scene/scene_source.h"
 
 namespace overfly::cli {
 namespace {
@@ -20,7 +17,7 @@ namespace {
 struct Options {
   std::string scene;
   std::string record;
-  bool explain = false;
+  bool explain = false, live = false;
   int frames = 0;  // 0: all
 };
 
@@ -69,90 +66,48 @@ Result<int> explain(const std::shared_ptr<const scene::World>& world) {
   return kOk;
 }
 
-// truth.csv: the exact pose of each recorded frame, beside what the flight says.
-Result<void> writeTruth(const std::filesystem::path& folder, const scene::FlightPlan& plan,
-                        std::int64_t start_ns) {
-  std::ofstream file(folder / "truth.csv");
-  file << "sequence,time_ns,lat_deg,lon_deg,height_m,ecef_x,ecef_y,ecef_z,qw,qx,qy,qz\n";
-  for (const scene::PlannedFrame& frame : plan.frames) {
-    const Eigen::Vector3d& p = frame.exact.position_in_ecef;
-    const Eigen::Quaterniond& q = frame.exact.ecef_from_camera;
-    const geo::Geodetic place = geo::geodeticFromEcef(p);
-    file << fmt::format("{},{},{:.10f},{:.10f},{:.5f},{:.5f},{:.5f},{:.5f},{:.12f},{:.12f},{:.12f},{:.12f}\n",
-                        frame.frame, start_ns + std::llround(frame.time_s * 1e9), geo::degrees(place.lat),
-                        geo::degrees(place.lon), place.height_m, p.x(), p.y(), p.z(), q.w(), q.x(), q.y(),
-                        q.z());
+Result<int> record(const Options& options, const std::shared_ptr<const scene::World>& world,
+                   const Context& context) {
+  std::unique_ptr<Progress> progress;
+  scene::RecordOptions recording;
+  recording.live = options.live;
+  recording.progress = [&](std::size_t done, std::size_t total, const std::string& frame) {
+    if (!progress) progress = std::make_unique<Progress>("rendering frames", total);
+    progress->update(done, frame);
+  };
+  const Result<scene::RecordedScene> recorded = scene::recordScene(world, options.record, recording);
+  progress.reset();
+  if (!recorded) return tl::unexpected<Error>(recorded.error());
+  const std::size_t frames = recorded->plan.frames.size();
+  const double share = recorded->duration_s > 0 ? recorded->wall_s / recorded->duration_s : 0;
+  if (context.json) {
+    nlohmann::json json{{"scene", world->description.name},
+                        {"frames", frames},
+                        {"flight_s", recorded->duration_s},
+                        {"wall_s", recorded->wall_s}};
+    if (!options.record.empty()) json["folder"] = options.record;
+    if (options.live) json["worst_late_s"] = recorded->worst_late_s;
+    fmt::print("{}\n", json.dump(2));
+    return kOk;
   }
-  file.close();
-  if (!file) {
-    return fail(ErrorCode::Io, fmt::format("{} cannot be written", (folder / "truth.csv").string()));
-  }
-  return {};
-}
-
-// What the drone would have written of a noisy pose, for a later adjustment.
-std::optional<capture::RawTelemetry> rawOf(const capture::Frame& frame) {
-  if (frame.pose_is_adjusted || !frame.pose) return std::nullopt;
-  const geo::Geodetic place = geo::geodeticFromEcef(frame.pose->position_in_ecef);
-  const geo::LocalFrame local(place);
-  const Eigen::Quaterniond enu_from_ecef(local.enuFromEcefRotation());
-  const geo::YawPitchRoll angles = geo::yawPitchRoll(enu_from_ecef * frame.pose->ecef_from_camera);
-  capture::RawTelemetry raw;
-  raw.lat = place.lat;
-  raw.lon = place.lon;
-  raw.altitude_m = place.height_m;
-  raw.gimbal_yaw = angles.yaw;
-  raw.gimbal_pitch = angles.pitch;
-  raw.gimbal_roll = angles.roll;
-  return raw;
-}
-
-Result<int> record(const Options& options, const std::shared_ptr<const scene::World>& world) {
-  scene::SceneSource source(world, {.speed = 0});
-  if (const Result<void> opened = source.open(); !opened) return tl::unexpected<Error>(opened.error());
-  capture::FlightInfo info;
-  info.made_by = "overfly simulate";
-  info.source = source.describe();
-  info.datum = capture::VerticalDatum::Ellipsoid;
-  info.datum_reason = "the scene's place is given on the ellipsoid";
-  info.origin = world->description.place;
-  info.ground_height_m = world->description.place.height_m + world->description.path.ground;
-  info.ground_reason = "path.ground of the scene";
-  info.boot_id = "simulated";
-  Result<capture::FlightRecorder> recorder = capture::FlightRecorder::create(options.record, info);
-  if (!recorder) return tl::unexpected<Error>(recorder.error());
-  const std::size_t total = source.plan().frames.size();
-  Progress progress("rendering frames", total);
-  for (std::size_t done = 0; done < total;) {
-    Result<capture::FramePtr> frame = source.next(std::chrono::seconds(10));
-    if (!frame && frame.error().code == ErrorCode::Unavailable && done > 0) continue;  // slow machine
-    if (!frame) return tl::unexpected<Error>(frame.error());
-    if (!*frame) break;
-    if (const Result<void> written = recorder->record(**frame, rawOf(**frame)); !written) {
-      return tl::unexpected<Error>(written.error());
-    }
-    progress.update(++done, (*frame)->name);
-  }
-  progress.finish();
-  if (const Result<void> closed = recorder->close(); !closed) return tl::unexpected<Error>(closed.error());
-  if (const Result<void> written = writeTruth(options.record, source.plan(), scene::kFlightStart_ns);
-      !written) {
-    return tl::unexpected<Error>(written.error());
-  }
-  fmt::print("{}: {} frames of {}, exact poses in truth.csv\n", options.record, total,
-             world->description.name);
+  if (!options.record.empty())
+    fmt::print("{}: {} frames of {}, exact poses in truth.csv\n", options.record, frames,
+               world->description.name);
+  fmt::print("a flight of {:.1f} s, made in {:.1f} s ({:.2f} of it)\n", recorded->duration_s,
+             recorded->wall_s, share);
+  if (options.live) fmt::print("the latest frame came {:.2f} s after its time\n", recorded->worst_late_s);
   return kOk;
 }
 
-Result<int> simulate(const Options& options) {
+Result<int> simulate(const Options& options, const Context& context) {
   const Result<std::shared_ptr<const scene::World>> world = load(options);
   if (!world) return tl::unexpected<Error>(world.error());
   if (options.explain) {
     Result<int> explained = explain(*world);
-    if (!explained || options.record.empty()) return explained;
+    if (!explained || (options.record.empty() && !options.live)) return explained;
   }
-  if (!options.record.empty()) return record(options, *world);
-  return fail(ErrorCode::BadSettings, "simulate needs --record DIR, or --explain");
+  if (!options.record.empty() || options.live) return record(options, *world, context);
+  return fail(ErrorCode::BadSettings, "simulate needs --record DIR, --live, or --explain");
 }
 
 void build(CLI::App& command, Context& context) {
@@ -163,9 +118,12 @@ void build(CLI::App& command, Context& context) {
   command.add_option("--record", options->record, "folder to write a recorded flight to");
   command.add_flag("--explain", options->explain,
                    "print what the scene's effects compile to, with the cost of each pass");
+  command.add_flag("--live", options->live,
+                   "at true speed, with times of this machine's clock, and say whether it kept up. To map it "
+                   "meanwhile: overflyd --set source.kind=scene --set source.path=SCENE");
   command.add_option("--frames", options->frames, "only the first so many frames")
       ->check(CLI::PositiveNumber);
-  context.onRun(command, [options] { return simulate(*options); });
+  context.onRun(command, [options, &context] { return simulate(*options, context); });
 }
 
 const Registered registered{"simulate", "makes a flight whose every height and colour is known", build};
