@@ -7,6 +7,7 @@
 
 #include "capture/import/import_flight.h"
 #include "daemon/cli/command.h"
+#include "daemon/cli/planar_command.h"
 #include "daemon/cli/progress.h"
 #include "tiling/clipmap/parent.h"
 #include "tiling/mapping/batch_map.h"
@@ -21,7 +22,8 @@ constexpr std::size_t kTilesPerCommit = 32;
 struct Arguments {
   std::string flight, map, lattice = "webmercator";
   double gsd_m = 0, ground_m = 0;
-  bool ground_given = false;
+  bool ground_given = false, planar = false;
+  int tile_size = 256, cache_mb = 256;
 };
 
 // Collects tiles into transactions.
@@ -102,17 +104,30 @@ tiling::FrameRecord recordOf(std::uint64_t id, const capture::FlightFrame& sourc
 }
 
 Result<int> run(const Arguments& arguments, const Context& context) {
-  auto flight = capture::importFlight(arguments.flight);
-  if (!flight) return tl::unexpected(flight.error());
   auto lattice = geo::TileLattice::parse(arguments.lattice);
   if (!lattice) return fail(ErrorCode::BadSettings, "--lattice: " + lattice.error().message);
   if (std::filesystem::exists(arguments.map))
     return fail(ErrorCode::BadInput, arguments.map + " exists already: name a new file, or remove it first");
+  if (arguments.planar) {
+    PlanarCommand planar;
+    planar.flight = arguments.flight;
+    planar.map = arguments.map;
+    planar.lattice = *lattice;
+    planar.tile_size = arguments.tile_size;
+    planar.cache_mb = arguments.cache_mb;
+    planar.json = context.json;
+    if (arguments.ground_given) planar.ground_m = arguments.ground_m;
+    if (arguments.gsd_m > 0) planar.gsd_m = arguments.gsd_m;
+    return mapOntoPlane(planar);
+  }
+  auto flight = capture::importFlight(arguments.flight);
+  if (!flight) return tl::unexpected(flight.error());
   auto gl_context = gl::Context::create();
   if (!gl_context) return tl::unexpected(gl_context.error());
 
   tiling::BatchOptions options;
   options.lattice = *lattice;
+  options.mapper.tile_size = arguments.tile_size;
   if (arguments.gsd_m > 0) options.gsd_m = arguments.gsd_m;
   if (arguments.ground_given) options.ground_height_m = arguments.ground_m;
   std::optional<tiling::MapStore> store;
@@ -133,6 +148,7 @@ Result<int> run(const Arguments& arguments, const Context& context) {
     meta.datum = flight->info().datum;
     meta.geoid = flight->info().geoid_model;
     meta.base_zoom = ground.base_zoom;
+    meta.tile_size = arguments.tile_size;
     const capture::Frame& first = flight->at(0).frame;
     meta.created_utc_ns = first.time_ns + first.utc_offset_ns;
     meta.extra =
@@ -188,6 +204,12 @@ void build(CLI::App& command, Context& context) {
   CLI::Option* ground =
       command.add_option("--ground", arguments->ground_m,
                          "height of the ground in the flight's datum, where the images do not tell");
+  command.add_flag("--planar", arguments->planar,
+                   "lay the frames onto level ground instead of finding heights: quick, needs no GPU");
+  command.add_option("--tile-size", arguments->tile_size, "texels along a tile's side: 256 or 512")
+      ->check(CLI::IsMember({256, 512}));
+  command.add_option("--cache-mb", arguments->cache_mb, "with --planar: decoded frames kept in memory")
+      ->check(CLI::Range(8, 65536));
   context.onRun(command, [arguments, ground, &context]() -> Result<int> {
     arguments->ground_given = ground->count() > 0;
     return run(*arguments, context);
