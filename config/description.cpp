@@ -38,14 +38,17 @@ SectionInfo describeCamera() {
   t.key("id", &Camera::id, "name of the camera in the recorded flight");
   t.key("model_file", &Camera::model_file,
         "JSON file with focal lengths, principal point and distortion; empty takes what the flight or the "
-        "images say");
+        "images say; a live camera needs one");
   t.key("width_px", &Camera::width_px, Range{0, 65535}, "width of a picture; 0 takes the largest");
   t.key("height_px", &Camera::height_px, Range{0, 65535}, "height of a picture; 0 takes the largest");
   t.key("rate_fps", &Camera::rate_fps, Range{0, 1000}, "frames per second; 0 leaves it to the camera");
-  t.key("format", &Camera::format, choices<CameraFormat>({"auto", "mjpeg", "nv12", "grey", "rgb"}),
-        "pixel format asked of the camera");
+  t.key("format", &Camera::format,
+        choices<CameraFormat>({"auto", "mjpeg", "nv12", "yuyv", "grey", "rgb", "bayer8", "bayer10"}),
+        "pixel format asked of the camera; auto takes the first of these that it has, grey last");
   t.key("exposure_us", &Camera::exposure_us, Range{0, 1e7}, "exposure time; 0 is automatic").live();
-  t.key("gain", &Camera::gain, Range{0, 1000}, "linear sensor gain; 0 is automatic").live();
+  t.key("gain", &Camera::gain, Range{0, 1000},
+        "linear sensor gain (v4l2: in the driver's own steps); 0 is automatic")
+      .live();
   t.key("lens_position_dpt", &Camera::lens_position_dpt, Range{0, 50}, "fixed focus; 0 is infinity").live();
   t.key("rolling_shutter_ms", &Camera::rolling_shutter_ms, Range{0, 1000},
         "time from the first row's exposure to the last row's; 0 for a global shutter");

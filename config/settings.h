@@ -20,16 +20,17 @@ struct Source {
   double retry_s = 2;
 };
 
-enum class CameraFormat { Auto, Mjpeg, Nv12, Grey, Rgb };
+enum class CameraFormat { Auto, Mjpeg, Nv12, Yuyv, Grey, Rgb, Bayer8, Bayer10 };
 struct Camera {
   std::string id = "cam0";
-  std::filesystem::path model_file;  // empty: from the flight or the frames' own tags
-  int width_px = 0;                  // 0: the camera's largest
+  std::filesystem::path
+      model_file;    // empty: from the flight or the frames' own tags; needed by a live camera
+  int width_px = 0;  // 0: the camera's largest
   int height_px = 0;
   double rate_fps = 0;  // 0: the camera's own
   CameraFormat format = CameraFormat::Auto;
   int exposure_us = 0;            // 0: automatic
-  double gain = 0;                // linear; 0: automatic
+  double gain = 0;                // linear (v4l2: as the driver counts); 0: automatic
   double lens_position_dpt = 0;   // dioptres; 0: infinity
   double rolling_shutter_ms = 0;  // first row to last row; 0: global shutter
   int buffers = 6;

@@ -6,9 +6,14 @@
 #include <utility>
 #include <vector>
 
+#include "capture/v4l2/list_cameras.h"
 #include "daemon/cli/command.h"
 #include "render/gl/context.h"
+#include "render/gl/dma_buf.h"
 #include "render/gl/precision.h"
+#ifdef OVERFLY_HAS_LIBCAMERA
+#include "capture/libcamera/libcamera_source.h"
+#endif
 
 namespace overfly::cli {
 namespace {
@@ -85,11 +90,29 @@ Section gpu() {
   out.add("software rasteriser", info.software);
   out.add("timer queries", info.gpu_timer);
   out.add("tells of a reset", info.reset_notification);
+  out.add("a camera's dma-bufs become textures without a copy", gl::importsDmaBufs(*context));
   addLimits(out, info.limits);
   out.add("renderable", formatsWith(info, &gl::FormatSupport::renderable));
   out.add("filterable", formatsWith(info, &gl::FormatSupport::filterable));
   requireFormats(out, info);
   probe(out, *context);
+  return out;
+}
+
+// Absent cameras stand in nothing's way: a flight can be played.
+Section cameras() {
+  Section out;
+  out.name = "cameras";
+  for (const capture::v4l2::FoundCamera& camera : capture::v4l2::listCameras())
+    out.add("v4l2 " + camera.path,
+            camera.problem.empty() ? fmt::format("{} ({})", camera.card, camera.driver) : camera.problem);
+#ifdef OVERFLY_HAS_LIBCAMERA
+  out.add("libcamera", capture::libcameraVersion());
+  for (const capture::LibcameraCamera& camera : capture::libcameraCameras())
+    out.add("libcamera " + camera.id, camera.model);
+#else
+  out.add("libcamera", "not in this build: libcamera-dev was not there");
+#endif
   return out;
 }
 
@@ -122,7 +145,7 @@ void printJson(const std::vector<Section>& sections) {
 void build(CLI::App& command, Context& context) {
   command.footer("Exit status 1 when something stands in the way of mapping.");
   context.onRun(command, [&context]() -> Result<int> {
-    const std::vector<Section> sections{gpu()};
+    const std::vector<Section> sections{gpu(), cameras()};
     if (context.json) {
       printJson(sections);
     } else {
