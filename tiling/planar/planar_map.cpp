@@ -14,6 +14,9 @@
 namespace overfly::tiling {
 namespace {
 
+// Coded tiles that wait for the disk: little, so that a slow disk slows the map instead of filling memory.
+constexpr std::size_t kQueueBytes = 8u << 20;
+
 double threadCpu_s() {
   timespec t{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
@@ -81,7 +84,7 @@ Result<std::unique_ptr<PlanarMap>> PlanarMap::create(MapStore store, const Plana
 }
 
 PlanarMap::PlanarMap(MapStore store, MapReader reader, geo::TileLattice lattice, const PlanarOptions& options)
-    : writer_(std::move(store), StoreWriter::Options{}),
+    : writer_(std::move(store), {.queue_bytes = kQueueBytes, .group_bytes = kQueueBytes / 2}),
       reader_(std::move(reader)),
       lattice_(std::move(lattice)),
       options_(options),
