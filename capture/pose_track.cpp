@@ -46,6 +46,13 @@ Pose mounted(const Pose& body, const CameraMount& mount, std::int64_t capture_ti
 
 }  // namespace
 
+Eigen::Quaterniond bodyFromCamera(double roll, double pitch, double yaw) {
+  const Eigen::Matrix3d mount_from_camera{{0, 0, 1}, {1, 0, 0}, {0, 1, 0}};
+  return Eigen::AngleAxisd(yaw, Eigen::Vector3d::UnitZ()) *
+         Eigen::AngleAxisd(pitch, Eigen::Vector3d::UnitY()) *
+         Eigen::AngleAxisd(roll, Eigen::Vector3d::UnitX()) * Eigen::Quaterniond(mount_from_camera);
+}
+
 Result<void> PoseTrack::add(const Pose& body) {
   if (!body.position_in_ecef.allFinite() || !body.covariance.allFinite() ||
       !(std::abs(body.ecef_from_camera.norm() - 1) < 1e-3)) {
@@ -63,6 +70,11 @@ Result<void> PoseTrack::add(const Pose& body) {
 std::size_t PoseTrack::size() const {
   const std::lock_guard lock(mutex_);
   return poses_.size();
+}
+
+std::optional<std::int64_t> PoseTrack::oldest() const {
+  const std::lock_guard lock(mutex_);
+  return poses_.empty() ? std::nullopt : std::optional(poses_.begin()->first);
 }
 
 Result<Pose> PoseTrack::at(std::int64_t capture_time_ns, const CameraMount& mount) const {

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <map>
 #include <mutex>
+#include <optional>
 
 #include "capture/pose.h"
 #include "config/error.h"
@@ -17,6 +18,11 @@ struct CameraMount {
   // Added to a capture time before the poses are asked: positive when the frames' stamps are early.
   std::int64_t delay_ns = 0;
 };
+
+// Boresight of a camera that is turned from its mount's axes (forward, right, down) by roll, pitch and yaw
+// (Z-Y'-X'', radians). All zero looks along forward with the image's top up; a camera that looks straight
+// down from a body has pitch -pi/2.
+[[nodiscard]] Eigen::Quaterniond bodyFromCamera(double roll, double pitch, double yaw);
 
 struct PoseTrackOptions {
   // Two poses further apart than this have a gap between them that is not bridged. Raising it lets slow
@@ -47,6 +53,8 @@ class PoseTrack {
   [[nodiscard]] Result<Pose> at(std::int64_t capture_time_ns, const CameraMount& mount = {}) const;
 
   [[nodiscard]] std::size_t size() const;
+  // Time of the oldest pose that is kept; nullopt when there is none.
+  [[nodiscard]] std::optional<std::int64_t> oldest() const;
 
  private:
   [[nodiscard]] Result<Pose> bodyAt(std::int64_t time_ns) const;

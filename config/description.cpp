@@ -67,6 +67,15 @@ SectionInfo describeGpio() {
   t.key("pps_line", &Gpio::pps_line, Range{-1, 1023}, "line of the pulse per second; -1 when not wired");
   t.key("pps_edge", &Gpio::pps_edge, choices<GpioEdge>({"rising", "falling"}),
         "edge at which the second begins");
+  t.key("debounce_us", &Gpio::debounce_us, Range{0, 1000000},
+        "edges that follow another of their line sooner than this are dropped");
+  t.key("expected_lag_ms", &Gpio::expected_lag_ms, Range{-10000, 10000},
+        "by how much a frame's own stamp is expected to lag behind its pulse: it decides where pulses and "
+        "frames both come as regularly as a clock");
+  t.key("trigger_line", &Gpio::trigger_line, Range{-1, 1023},
+        "output line that releases the camera; -1 for none");
+  t.key("trigger_interval_ms", &Gpio::trigger_interval_ms, Range{10, 3600000}, "time between releases");
+  t.key("trigger_width_us", &Gpio::trigger_width_us, Range{10, 1000000}, "length of a release pulse");
   return t.take();
 }
 
@@ -79,6 +88,21 @@ SectionInfo describePose() {
         "where the autopilot speaks MAVLink; empty for none");
   t.key("system_id", &PoseSettings::system_id, Range{1, 255}, "the autopilot's MAVLink system");
   t.key("component_id", &PoseSettings::component_id, Range{1, 255}, "overfly's own MAVLink component");
+  t.key("signing_key", &PoseSettings::signing_key,
+        "file with the MAVLink signing key, 32 bytes or 64 hexadecimal digits: all packets are signed then, "
+        "and "
+        "unsigned ones are refused; empty for neither");
+  t.key("request_streams", &PoseSettings::request_streams,
+        "asks the autopilot for the messages that poses need, at the rates that they need");
+  t.key("attitude", &PoseSettings::attitude, choices<PoseAttitude>({"auto", "body", "gimbal"}),
+        "whose attitude the camera shares; auto takes the gimbal's once one reports");
+  t.key("height", &PoseSettings::height, choices<PoseHeight>({"auto", "ellipsoid", "msl", "home"}),
+        "what heights are counted from: auto makes the autopilot's ellipsoidal by map.geoid_model or by what "
+        "the receiver says, and leaves them at mean sea level where neither is there; ellipsoid waits "
+        "instead; msl and home are not shifted");
+  t.key("pulses", &PoseSettings::pulses, choices<PosePulses>({"auto", "none", "gpio", "trigger", "feedback"}),
+        "what stamps the frames: gpio.exposure_line, or the autopilot's CAMERA_TRIGGER or CAMERA_FEEDBACK; "
+        "auto takes gpio where a line is given, else none");
   t.key("max_gap_ms", &PoseSettings::max_gap_ms, Range{1, 60000},
         "longest gap between two poses across which a pose is interpolated")
       .live();

@@ -43,12 +43,25 @@ struct Gpio {
   GpioEdge exposure_edge = GpioEdge::Rising;
   int pps_line = -1;
   GpioEdge pps_edge = GpioEdge::Rising;
+  int debounce_us = 200;
+  double expected_lag_ms = 0;
+  int trigger_line = -1;  // -1: none
+  int trigger_interval_ms = 1000;
+  int trigger_width_us = 1000;
 };
 
+enum class PoseAttitude { Auto, Body, Gimbal };
+enum class PoseHeight { Auto, Ellipsoid, Msl, Home };
+enum class PosePulses { Auto, None, Gpio, Trigger, Feedback };
 struct PoseSettings {
   std::string mavlink;  // empty: no autopilot
   int system_id = 1;
   int component_id = 100;
+  std::filesystem::path signing_key;  // empty: nothing is signed
+  bool request_streams = true;
+  PoseAttitude attitude = PoseAttitude::Auto;
+  PoseHeight height = PoseHeight::Auto;
+  PosePulses pulses = PosePulses::Auto;
   int max_gap_ms = 500;
   int max_wait_ms = 1000;
   double max_tilt_deg = 60;

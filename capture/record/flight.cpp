@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <map>
+#include <unordered_map>
 
 #include "capture/image_decode.h"
 #include "capture/record/detail/flight_text.h"
@@ -66,6 +67,7 @@ Result<Flight> Flight::open(const std::filesystem::path& folder) {
   const auto table = readText(table_file, kMaxTable);
   if (!table) return fail(ErrorCode::Corrupt, table.error().message);
   std::vector<FlightFrame> frames;
+  std::unordered_map<std::string, std::size_t> by_file;
   std::vector<std::string> warnings;
   std::size_t skipped = 0, number = 0;
   std::string_view rest = *table;
@@ -77,7 +79,13 @@ Result<Flight> Flight::open(const std::filesystem::path& folder) {
     ++number;
     auto frame = detail::frameFromLine(line, *cameras, info->datum, folder / "images");
     if (frame) {
-      frames.push_back(std::move(*frame));
+      // A later line of the same image is the frame with the pose that came after it.
+      const auto [at, fresh] = by_file.try_emplace(frame->file.string(), frames.size());
+      if (fresh) {
+        frames.push_back(std::move(*frame));
+      } else {
+        frames[at->second] = std::move(*frame);
+      }
     } else {
       ++skipped;
       warn(warnings,

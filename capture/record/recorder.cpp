@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <deque>
 #include <mutex>
 #include <set>
 
@@ -18,6 +19,7 @@ namespace overfly::capture {
 namespace {
 
 using Clock = std::chrono::steady_clock;
+constexpr std::size_t kMaxUnposed = 4096;
 constexpr std::size_t kMaxUnsynced = 64;  // images held open for the next sync
 
 std::string bootId() {
@@ -120,9 +122,27 @@ class FlightRecorder::Files {
     unsynced_.push_back(std::move(*image));
     if (auto done = appendWhole(table_.get(), bytesOf(line), folder_ / "frames.tbl"); !done) return done;
     ++count_;
+    if (!frame.pose) keepUnposed(frame, *revision, name, raw);
     if (Clock::now() - last_sync_ >= options_.sync_interval || unsynced_.size() >= kMaxUnsynced)
       return syncLocked();
     return {};
+  }
+
+  Result<void> record(const LatePose& late) {
+    const std::lock_guard lock(frames_mutex_);
+    if (!table_) return fail(ErrorCode::Unavailable, "the recorder is closed");
+    const auto found = std::find_if(unposed_.begin(), unposed_.end(), [&](const Unposed& one) {
+      return one.frame.sequence == late.sequence && one.frame.camera_id == late.camera_id;
+    });
+    if (found == unposed_.end())
+      return fail(ErrorCode::NotFound,
+                  fmt::format("no frame {} of {} waits for a pose", late.sequence, late.camera_id));
+    found->frame.pose = late.pose;
+    found->frame.datum = late.datum;
+    const std::string line =
+        detail::frameLine(found->frame, found->revision, found->file, found->bytes, found->crc, found->raw);
+    unposed_.erase(found);
+    return appendWhole(table_.get(), bytesOf(line), folder_ / "frames.tbl");
   }
 
   Result<void> record(const RawInput& input) {
@@ -156,6 +176,40 @@ class FlightRecorder::Files {
  private:
   Files(std::filesystem::path folder, const RecorderOptions& options)
       : folder_(std::move(folder)), options_(options) {}
+
+  // What a frame's line says, without its pixels.
+  struct Unposed {
+    Frame frame;
+    int revision = 0;
+    std::string file;
+    std::uint64_t bytes = 0;
+    std::uint32_t crc = 0;
+    std::optional<RawTelemetry> raw;
+  };
+
+  void keepUnposed(const Frame& frame, int revision, const std::string& file,
+                   const std::optional<RawTelemetry>& raw) {
+    Unposed one;
+    one.frame.sequence = frame.sequence;
+    one.frame.name = frame.name;
+    one.frame.camera_id = frame.camera_id;
+    one.frame.time_ns = frame.time_ns;
+    one.frame.time_sigma_ns = frame.time_sigma_ns;
+    one.frame.utc_offset_ns = frame.utc_offset_ns;
+    one.frame.exposure_ns = frame.exposure_ns;
+    one.frame.gain = frame.gain;
+    one.frame.image.format = frame.image.format;
+    one.frame.image.width = frame.image.width;
+    one.frame.image.height = frame.image.height;
+    one.frame.image.stride = frame.image.stride;
+    one.revision = revision;
+    one.file = file;
+    one.bytes = frame.image.bytes.size();
+    one.crc = crc32Of(frame.image.bytes);
+    one.raw = raw;
+    unposed_.push_back(std::move(one));
+    if (unposed_.size() > kMaxUnposed) unposed_.pop_front();
+  }
 
   Result<void> writeCameras() {
     const std::string text = detail::camerasText(cameras_);
@@ -211,6 +265,7 @@ class FlightRecorder::Files {
   FileDescriptor table_;
   std::vector<FlightCamera> cameras_;
   std::set<std::string> names_;
+  std::deque<Unposed> unposed_;
   std::vector<FileDescriptor> unsynced_;
   Clock::time_point last_sync_ = Clock::now();
   std::uint64_t count_ = 0;
@@ -237,6 +292,7 @@ Result<void> FlightRecorder::record(const Frame& frame, const std::optional<RawT
   return files_->record(frame, raw);
 }
 Result<void> FlightRecorder::record(const RawInput& input) { return files_->record(input); }
+Result<void> FlightRecorder::record(const LatePose& late) { return files_->record(late); }
 Result<void> FlightRecorder::sync() { return files_->sync(); }
 Result<void> FlightRecorder::close() { return files_->close(); }
 std::uint64_t FlightRecorder::framesRecorded() const { return files_->count(); }

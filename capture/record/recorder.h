@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "capture/frame.h"
+#include "capture/frame_source.h"
 #include "capture/record/flight.h"
 #include "capture/record/raw_log.h"
 #include "config/error.h"
@@ -32,6 +33,9 @@ class FlightRecorder {
   // BadInput: the frame's image or camera cannot be kept (empty, wrong stride, wrong model); Io.
   [[nodiscard]] Result<void> record(const Frame& frame, const std::optional<RawTelemetry>& raw = {});
   [[nodiscard]] Result<void> record(const RawInput& input);
+  // The pose of a frame that was recorded without one (of the last 4,096 such frames): a further line for the
+  // same image. NotFound: no such frame waits for a pose; Io.
+  [[nodiscard]] Result<void> record(const LatePose& late);
 
   // Brings everything to the disk now.
   [[nodiscard]] Result<void> sync();

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "daemon/overflyd/live.h"
+
 namespace overfly::daemon {
 
 std::vector<std::string> missionsIn(const std::filesystem::path& root) {
@@ -29,28 +31,32 @@ std::vector<link::Mission> Backend::missions() const {
 
 std::string Backend::statusJson() const {
   const PipelineStatus s = pipeline_.status();
-  return nlohmann::json{
-      {"mission", {{"name", mission_}, {"live", !s.source_ended}}},
-      {"source", {{"name", s.source}, {"open", s.source_open}, {"ended", s.source_ended}}},
-      {"frames",
-       {{"seen", s.seen}, {"mapped", s.mapped}, {"waiting", s.waiting_frames}, {"refused", s.refused}}},
-      {"tiles", {{"written", s.tiles}, {"waiting_cells", s.waiting_cells}}},
-      {"lag_s", s.lag_s},
-      {"first_sight_s", s.first_sight_s},
-      {"state", s.failed                   ? "failed"
-                : !s.store_problem.empty() ? "degraded"
-                : !s.settled               ? "waiting"
-                : s.idle                   ? "idle"
-                                           : "mapping"},
-      {"problem", s.failed ? s.error : s.store_problem},
-      {"stages_s",
-       {{"rectify", s.mapper.rectify_s},
-        {"match_images", s.mapper.match_s},
-        {"sweep", s.mapper.sweep_s},
-        {"blend", s.mapper.blend_s},
-        {"orthophoto", s.mapper.ortho_s}}},
-      {"cells", {{"swept", s.mapper.cells_swept}, {"finished", s.mapper.cells_finished}}}}
-      .dump();
+  nlohmann::json json{{"mission", {{"name", mission_}, {"live", !s.source_ended}}},
+                      {"source", {{"name", s.source}, {"open", s.source_open}, {"ended", s.source_ended}}},
+                      {"frames",
+                       {{"seen", s.seen},
+                        {"mapped", s.mapped},
+                        {"waiting", s.waiting_frames},
+                        {"late_poses", s.late_poses},
+                        {"refused", s.refused}}},
+                      {"tiles", {{"written", s.tiles}, {"waiting_cells", s.waiting_cells}}},
+                      {"lag_s", s.lag_s},
+                      {"first_sight_s", s.first_sight_s},
+                      {"state", s.failed                   ? "failed"
+                                : !s.store_problem.empty() ? "degraded"
+                                : !s.settled               ? "waiting"
+                                : s.idle                   ? "idle"
+                                                           : "mapping"},
+                      {"problem", s.failed ? s.error : s.store_problem},
+                      {"stages_s",
+                       {{"rectify", s.mapper.rectify_s},
+                        {"match_images", s.mapper.match_s},
+                        {"sweep", s.mapper.sweep_s},
+                        {"blend", s.mapper.blend_s},
+                        {"orthophoto", s.mapper.ortho_s}}},
+                      {"cells", {{"swept", s.mapper.cells_swept}, {"finished", s.mapper.cells_finished}}}};
+  if (const capture::LiveSource* live = pipeline_.live()) json["live"] = liveJson(live->status());
+  return json.dump();
 }
 
 std::string Backend::metricsText() const {
@@ -70,6 +76,7 @@ std::string Backend::metricsText() const {
   metric("overfly_lag_seconds", "gauge", "age of the oldest frame that is not in its tiles", s.lag_s);
   metric("overfly_sweep_seconds_total", "counter", "time spent sweeping", s.mapper.sweep_s);
   metric("overfly_orthophoto_seconds_total", "counter", "time spent colouring", s.mapper.ortho_s);
+  if (const capture::LiveSource* live = pipeline_.live()) text += liveMetrics(live->status());
   return text;
 }
 

@@ -82,7 +82,7 @@ Result<std::unique_ptr<capture::FrameSource>> makeSource(const config::Settings&
   }
   auto camera = makeCamera(settings);
   if (!camera) return tl::unexpected(camera.error());
-  return std::move(*camera);
+  return makeLive(settings, std::move(*camera));
 }
 
 }  // namespace overfly::daemon

@@ -7,8 +7,10 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "capture/geo/geodetic.h"
 #include "capture/replay/replay_source.h"
 #include "daemon/overflyd/options.h"
 #include "tiling/clipmap/parent.h"
@@ -70,11 +72,21 @@ Result<tiling::MapGround> groundFrom(const tiling::MapMeta& meta) {
   return ground;
 }
 
+// Angle between the view and straight down, radians.
+double tiltOf(const capture::Pose& pose) {
+  const geo::Geodetic place = geo::geodeticFromEcef(pose.position_in_ecef);
+  const Eigen::Vector3d view = pose.ecef_from_camera * Eigen::Vector3d::UnitZ();
+  return std::acos(std::clamp(-view.dot(geo::upInEcef(place.lat, place.lon)), -1.0, 1.0));
+}
+
 }  // namespace
 
 Pipeline::Pipeline(const config::Settings& settings, std::unique_ptr<capture::FrameSource> source,
                    std::filesystem::path folder)
-    : settings_(settings), source_(std::move(source)), folder_(std::move(folder)) {
+    : settings_(settings),
+      source_(std::move(source)),
+      live_(dynamic_cast<capture::LiveSource*>(source_.get())),
+      folder_(std::move(folder)) {
   status_.source = source_->describe();
 }
 
@@ -91,6 +103,8 @@ Result<void> Pipeline::start() {
   // What earlier runs recorded is mapped first.
   for (std::uint64_t id = 0; id < recorded_->earlier(); ++id) frames_.push_back({id, nullptr, now_ns()});
   status_.seen = recorded_->earlier();
+  if (live_ != nullptr && settings_.record.raw_inputs)
+    live_->onRaw([this](const capture::RawInput& input) { recorded_->record(input); });
   threads_.emplace_back([this](const std::stop_token& stop) { encode(stop); });
   threads_.emplace_back([this](const std::stop_token& stop) { map(stop); });
   threads_.emplace_back([this](const std::stop_token& stop) { capture(stop); });
@@ -107,6 +121,7 @@ void Pipeline::stop() {
     thread->join();
   }
   threads_.clear();
+  if (live_ != nullptr) live_->onRaw({});
   recorded_->close();
   reader_.reset();
   writer_.reset();
@@ -164,6 +179,7 @@ void Pipeline::capture(const std::stop_token& stop) {
     while (!stop.stop_requested()) {
       auto frame = source_->next(500ms);
       ++progress_;
+      takeLatePoses();
       if (!frame) {
         if (frame.error().code == ErrorCode::Unavailable) continue;
         spdlog::warn("frame: {}", frame.error().message);
@@ -191,6 +207,20 @@ void Pipeline::capture(const std::stop_token& stop) {
     status_.source_ended = true;
     wake_.notify_all();
     return;
+  }
+}
+
+void Pipeline::takeLatePoses() {
+  for (const capture::LatePose& late : source_->takeLatePoses()) {
+    auto id = recorded_->record(late);
+    if (!id) {
+      spdlog::error("a pose that came late: {}", id.error().message);
+      continue;
+    }
+    const std::scoped_lock lock(mutex_);
+    ++status_.late_poses;
+    frames_.push_back({*id, nullptr, now_ns()});
+    wake_.notify_all();
   }
 }
 
@@ -277,6 +307,10 @@ void Pipeline::refuse(std::uint64_t id, const std::string& reason) {
 }
 
 Result<void> Pipeline::takeFrame(tiling::Mapper& mapper, const Waiting& waiting) {
+  if (tiltOf(*waiting.frame->pose) > geo::radians(settings_.pose.max_tilt_deg)) {
+    refuse(waiting.id, "tilted beyond pose.max_tilt_deg");
+    return {};
+  }
   auto added =
       mapper.addFrame(waiting.id, waiting.frame, [this, id = waiting.id] { return recorded_->load(id); });
   if (!added) {
@@ -407,7 +441,8 @@ void Pipeline::map(const std::stop_token& stop) {
         waiting->frame = *loaded;
       }
       if (!waiting->frame->pose) {
-        refuse(waiting->id, "no pose");
+        const std::string& reason = waiting->frame->no_pose_reason;
+        refuse(waiting->id, reason.empty() ? "no pose" : reason);
         continue;
       }
       if (!scheduler_) {

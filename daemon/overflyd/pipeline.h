@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "capture/frame_source.h"
+#include "capture/live/live_source.h"
 #include "config/settings.h"
 #include "daemon/overflyd/recorded_frames.h"
 #include "tiling/clipmap/scheduler.h"
@@ -30,6 +31,7 @@ struct PipelineStatus {
   std::uint64_t seen = 0;                        // frames from the source
   std::uint64_t mapped = 0;                      // in the index
   std::map<std::string, std::uint64_t> refused;  // by reason
+  std::uint64_t late_poses = 0;                  // came after their frames had been refused for lack of them
   std::uint64_t waiting_frames = 0;              // seen, not yet in the index
   std::uint64_t waiting_cells = 0;
   std::uint64_t tiles = 0;   // written, updates counted
@@ -61,6 +63,8 @@ class Pipeline {
   void stop();
 
   [[nodiscard]] PipelineStatus status() const;
+  // The source, when it is a live one; else null. Lives as long as the pipeline.
+  [[nodiscard]] capture::LiveSource* live() const { return live_; }
   [[nodiscard]] std::filesystem::path mapFile() const { return folder_ / "map.overfly"; }
   // Somebody looks at this tile of the map.
   void interest(const geo::TileKey& key);
@@ -91,10 +95,12 @@ class Pipeline {
   [[nodiscard]] Result<void> makeParentOf(const geo::TileKey& key);
   void publish(std::vector<tiling::Tile> tiles);
   void refuse(std::uint64_t id, const std::string& reason);
+  void takeLatePoses();
   void giveUp(const Error& error);
 
   config::Settings settings_;
   std::unique_ptr<capture::FrameSource> source_;
+  capture::LiveSource* live_;  // source_, or null
   std::filesystem::path folder_;
   std::unique_ptr<RecordedFrames> recorded_;
   capture::FlightInfo flight_info_;

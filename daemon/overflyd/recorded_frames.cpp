@@ -29,7 +29,31 @@ Result<std::uint64_t> RecordedFrames::record(const capture::Frame& frame, const 
     recorder_.emplace(std::move(*created));
   }
   if (auto ok = recorder_->record(frame); !ok) return tl::unexpected(ok.error());
-  return first_id_ + recorded_++;
+  const std::uint64_t id = first_id_ + recorded_++;
+  if (!frame.pose) unposed_[{frame.camera_id, frame.sequence}] = id;
+  return id;
+}
+
+Result<std::uint64_t> RecordedFrames::record(const capture::LatePose& late) {
+  const std::scoped_lock lock(mutex_);
+  const auto found = unposed_.find({late.camera_id, late.sequence});
+  if (!recorder_ || found == unposed_.end())
+    return fail(ErrorCode::NotFound, fmt::format("frame {} does not wait for a pose", late.sequence));
+  if (auto ok = recorder_->record(late); !ok) return tl::unexpected(ok.error());
+  const std::uint64_t id = found->second;
+  unposed_.erase(found);
+  own_read_.reset();  // what was read of this run does not have the pose
+  return id;
+}
+
+void RecordedFrames::record(const capture::RawInput& input) {
+  // Only for the pointer: the recorder has locks of its own, and frames must not hold up telemetry.
+  capture::FlightRecorder* recorder = nullptr;
+  {
+    const std::scoped_lock lock(mutex_);
+    if (recorder_) recorder = &*recorder_;
+  }
+  if (recorder != nullptr) (void)recorder->record(input);
 }
 
 Result<capture::FramePtr> RecordedFrames::load(std::uint64_t id) {

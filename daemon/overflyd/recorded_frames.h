@@ -1,8 +1,11 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <mutex>
 #include <optional>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "capture/record/flight.h"
@@ -24,6 +27,10 @@ class RecordedFrames {
   // Writes a frame; returns its id. The first call makes this run's folder.
   [[nodiscard]] Result<std::uint64_t> record(const capture::Frame& frame, const capture::FlightInfo& info);
   [[nodiscard]] Result<capture::FramePtr> load(std::uint64_t id);
+  // The pose of a frame of this run that was recorded without one; returns the frame's id.
+  [[nodiscard]] Result<std::uint64_t> record(const capture::LatePose& late);
+  // A raw input; those before the first frame are dropped, as there is no recording yet.
+  void record(const capture::RawInput& input);
   void close();
 
  private:
@@ -36,7 +43,8 @@ class RecordedFrames {
   std::filesystem::path own_;
   std::optional<capture::FlightRecorder> recorder_;
   std::uint64_t recorded_ = 0;
-  std::optional<capture::Flight> own_read_;  // as far as it was read back
+  std::map<std::pair<std::string, std::uint64_t>, std::uint64_t> unposed_;  // camera and number to id
+  std::optional<capture::Flight> own_read_;                                 // as far as it was read back
 };
 
 }  // namespace overfly::daemon

@@ -284,7 +284,9 @@ std::string frameLine(const Frame& frame, int camera_revision, const std::string
                {"crc", crc},
                {"datum", nameOf(frame.datum)},
                {"adjusted", frame.pose_is_adjusted}};
+  if (frame.time_sigma_ns > 0) json["time_sigma"] = frame.time_sigma_ns;
   if (frame.pose) json["pose"] = poseJson(*frame.pose);
+  if (!frame.pose && !frame.no_pose_reason.empty()) json["no_pose"] = frame.no_pose_reason;
   if (raw) json["raw"] = rawJson(*raw);
   const std::string text = dump(json, -1);
   return fmt::format("{:08x} {}\n", crc32Of(bytesOf(text)), text);
@@ -330,6 +332,8 @@ Result<FlightFrame> frameFromLine(std::string_view line, const std::vector<Fligh
   frame.time_ns = *time;
   frame.utc_offset_ns = *utc_offset;
   frame.exposure_ns = *exposure;
+  frame.time_sigma_ns = std::clamp<std::int64_t>(integerIn(*json, "time_sigma").value_or(0), 0, kMaxTime);
+  frame.no_pose_reason = textIn(*json, "no_pose").value_or("");
   frame.gain = numberIn(*json, "gain").value_or(0);
   const auto format = valueOf(
       textIn(*json, "format"),
