@@ -76,8 +76,9 @@ std::size_t Parser::step(std::span<const std::uint8_t> bytes, const Handler& han
     }
     return skip(1);
   }
-  // Version 1 sends base fields, all of them. Version 2 may come with extensions that are newer than we are.
-  if (!second && frame->payload != info->base_length) {
+  // Version 1 sends the base fields, all of them; some senders add the extensions. Version 2 may come with
+  // extensions that are newer than we are.
+  if (!second && frame->payload != info->base_length && frame->payload != info->length) {
     if (aligned_) ++counts_.bad;
     return skip(1);
   }

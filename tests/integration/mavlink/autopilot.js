@@ -11,12 +11,13 @@ const protocol = new mavlink.MavLinkProtocolV2(1, 1, key ? mavlink.MavLinkProtoc
 const socket = dgram.createSocket('udp4')
 const booted = process.hrtime.bigint() - 500_000_000_000n  // on for 500 s
 const bootNs = () => process.hrtime.bigint() - booted
-let sequence = 0
+let sequence = 0, signedAt = 0
 
 function send(id, fields) {
   const defaults = fieldsOf(new registry[id]())
   let packet = protocol.serialize(messageOf(id, { ...defaults, ...fields }), sequence++ & 255)
-  if (key) packet = protocol.sign(packet, 1, key)
+  // Times of signatures go up, and the peer's own have whole milliseconds.
+  if (key) packet = protocol.sign(packet, 1, key, signedAt = Math.max(Date.now(), signedAt + 1))
   socket.send(packet, Number(port), '127.0.0.1')
 }
 
