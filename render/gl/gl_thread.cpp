@@ -1,5 +1,6 @@
 #include "render/gl/gl_thread.h"
 
+#include <algorithm>
 #include <utility>
 
 namespace overfly::gl {
@@ -82,6 +83,10 @@ GlThreadStats GlThread::stats() const {
   return out;
 }
 
+bool GlThread::othersWait() const {
+  return std::any_of(queues_.begin() + 1, queues_.end(), [](const auto& queue) { return !queue.empty(); });
+}
+
 // The next job: the front of the highest priority, or of a lower one whose front has lost its patience (the
 // longest waiting of those).
 std::optional<std::pair<int, GlThread::Job>> GlThread::take(const std::stop_token& stop) {
@@ -96,9 +101,10 @@ std::optional<std::pair<int, GlThread::Job>> GlThread::take(const std::stop_toke
   if (stop.stop_requested()) return std::nullopt;
   const auto now = std::chrono::steady_clock::now();
   int chosen = -1, impatient = -1;
+  const bool others = othersWait();
   for (int i = 0; i < kPriorities; ++i) {
     const auto& queue = queues_[static_cast<std::size_t>(i)];
-    if (queue.empty()) continue;
+    if (queue.empty() || (i == 0 && others && !previewMayRun())) continue;
     if (chosen < 0) chosen = i;
     const auto since = queue.front().since;
     if (now - since >= kPatience &&
@@ -113,25 +119,75 @@ std::optional<std::pair<int, GlThread::Job>> GlThread::take(const std::stop_toke
   return out;
 }
 
-void GlThread::runSlice(Context& context, int priority, Job job) {
-  const auto begin = std::chrono::steady_clock::now();
-  const bool done = job.slice(context, SliceClock());
-  if (!context.lost()) context.finish();
-  const auto took = std::chrono::steady_clock::now() - begin;
-  const std::lock_guard lock(mutex_);
+void GlThread::account(int priority, const std::string& name, std::chrono::steady_clock::time_point begin) {
+  const std::chrono::nanoseconds took = std::chrono::steady_clock::now() - begin;
   ++stats_.slices;
+  stats_.busy[static_cast<std::size_t>(priority)] += took;
   if (took > 2 * SliceClock::kSlice) ++stats_.long_slices;
   if (took > stats_.longest_slice) {
     stats_.longest_slice = took;
-    stats_.longest_job = job.name;
+    stats_.longest_job = name;
   }
+  const double count = static_cast<double>(took.count());
+  if (priority == 0) {
+    if (nested_ || othersWait()) earned_ -= took;
+  } else if (preview_share_ < 1) {
+    earned_ +=
+        std::chrono::nanoseconds(static_cast<std::int64_t>(count * preview_share_ / (1.0 - preview_share_)));
+  }
+  earned_ = std::clamp<std::chrono::nanoseconds>(earned_, -4 * kMostEarned, kMostEarned);
+}
+
+void GlThread::runSlice(Context& context, int priority, Job job) {
+  running_context_ = &context;
+  running_priority_ = priority;
+  running_name_ = job.name;
+  slice_begin_ = std::chrono::steady_clock::now();
+  const bool done = job.slice(context, SliceClock());
+  if (!context.lost()) context.finish();
+  const std::lock_guard lock(mutex_);
+  account(priority, job.name, slice_begin_);
   if (done) return;
   job.since = std::chrono::steady_clock::now();
   queues_[static_cast<std::size_t>(priority)].push_back(std::move(job));
 }
 
+void GlThread::giveWay() {
+  const int priority = running_priority_;
+  if (running_context_ == nullptr || priority == 0) return;
+  Context& context = *running_context_;
+  const std::string name = running_name_;
+  bool waiting = false;
+  {
+    const std::lock_guard lock(mutex_);
+    waiting = !queues_[0].empty() && !context.lost();
+  }
+  if (waiting) context.finish();
+  std::unique_lock lock(mutex_);
+  account(priority, name, slice_begin_);
+  while (waiting && !queues_[0].empty() && previewMayRun() && !context.lost()) {
+    Job preview = std::move(queues_[0].front());
+    queues_[0].pop_front();
+    nested_ = true;
+    lock.unlock();
+    runSlice(context, 0, std::move(preview));
+    lock.lock();
+    nested_ = false;
+  }
+  running_priority_ = priority;
+  running_name_ = name;
+  slice_begin_ = std::chrono::steady_clock::now();
+}
+
+void GlThread::setPreviewShare(double share) {
+  const std::lock_guard lock(mutex_);
+  preview_share_ = std::clamp(share, 0.0, 1.0);
+  if (preview_share_ <= 0) earned_ = std::chrono::nanoseconds(0);
+}
+
 Result<void> GlThread::ensureContext(std::optional<Context>& context) {
   if (context && !context->lost()) return {};
+  running_context_ = nullptr;
   context.reset();  // objects that are still around become empty shells
   auto made = Context::create(options_);
   if (!made) return tl::unexpected(made.error());

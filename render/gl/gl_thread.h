@@ -39,7 +39,8 @@ class SliceClock {
 struct GlThreadStats {
   std::uint64_t jobs = 0;
   std::uint64_t slices = 0;
-  std::uint64_t long_slices = 0;  // that took more than twice SliceClock::kSlice
+  std::array<std::chrono::nanoseconds, kPriorities> busy{};  // time used, by priority
+  std::uint64_t long_slices = 0;                             // that took more than twice SliceClock::kSlice
   std::chrono::nanoseconds longest_slice{0};
   std::string longest_job;       // its name
   std::uint64_t generation = 0;  // see GlThread::generation
@@ -49,7 +50,11 @@ struct GlThreadStats {
 // The one thread that owns the GPU context and serves mapping and preview. Jobs run in slices; between two
 // slices of a job others may run: by priority, in turn among equals, and a job that has waited for
 // kPatience is served before a higher priority, so that a busy preview does not starve the map.
-// A slice's GPU work is finished before the next slice begins.
+// A slice's GPU work is finished before the next slice begins. A job that cannot be cut into calls marks the
+// ends of its slices with giveWay().
+//
+// While others have work, previews take no more than their share of the time (setPreviewShare): each has to
+// be earned by the work of others first, at most kMostEarned ahead.
 //
 // Thread rule: submit from any thread but its own (waiting for a job inside a job would never end). Objects
 // made with the context are used and destroyed inside jobs.
@@ -59,6 +64,7 @@ struct GlThreadStats {
 class GlThread {
  public:
   static constexpr std::chrono::milliseconds kPatience{250};
+  static constexpr std::chrono::milliseconds kMostEarned{500};
 
   // Unsupported or Unavailable when there is no context.
   [[nodiscard]] static Result<std::unique_ptr<GlThread>> start(const ContextOptions& options = {});
@@ -92,6 +98,15 @@ class GlThread {
   using SlicedWork = std::function<Result<bool>(Context&, const SliceClock&)>;
   [[nodiscard]] std::future<Result<void>> submitSliced(Priority priority, std::string name, SlicedWork work);
 
+  // The end of a slice within a job of a lower priority than Preview: previews that wait and have their share
+  // run here and now, on the same context. Every draw names all of its state, so between two draws nothing
+  // but the contents of shared textures may differ afterwards. Cheap when no preview waits. Only on the GL
+  // thread, inside such a job.
+  void giveWay();
+
+  // 0: previews run only while nothing else waits; 1 (at the start): they come first. Any thread.
+  void setPreviewShare(double share);
+
   [[nodiscard]] DeviceInfo info() const;
   [[nodiscard]] GlThreadStats stats() const;
   [[nodiscard]] std::uint64_t generation() const { return generation_.load(); }
@@ -109,6 +124,10 @@ class GlThread {
   void serve(const std::stop_token& stop, std::promise<Result<void>> started);
   [[nodiscard]] std::optional<std::pair<int, Job>> take(const std::stop_token& stop);
   void runSlice(Context& context, int priority, Job job);
+  // With the mutex held: a slice of `priority` has ended now.
+  void account(int priority, const std::string& name, std::chrono::steady_clock::time_point begin);
+  [[nodiscard]] bool othersWait() const;
+  [[nodiscard]] bool previewMayRun() const { return preview_share_ >= 1 || earned_.count() > 0; }
   [[nodiscard]] Result<void> ensureContext(std::optional<Context>& context);
 
   ContextOptions options_;
@@ -117,6 +136,14 @@ class GlThread {
   std::array<std::deque<Job>, kPriorities> queues_;
   GlThreadStats stats_;
   DeviceInfo info_;
+  double preview_share_ = 1;
+  std::chrono::nanoseconds earned_{0};  // time that previews may take while others wait
+  bool nested_ = false;                 // a preview runs within another job
+  // Of the running slice; on the GL thread alone.
+  Context* running_context_ = nullptr;
+  int running_priority_ = 0;
+  std::string running_name_;
+  std::chrono::steady_clock::time_point slice_begin_;
   std::atomic<std::uint64_t> generation_{0};
   bool closed_ = false;
   std::jthread thread_;  // last: joins before what it uses goes

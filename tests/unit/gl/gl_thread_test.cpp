@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <deque>
 #include <vector>
 
 #include "render/gl/buffer.h"
@@ -51,6 +52,60 @@ TEST(GlThread, PreviewRunsBetweenTheSlicesOfALongJob) {
   ASSERT_EQ(preview.wait_for(std::chrono::seconds(10)), std::future_status::ready);
   ASSERT_TRUE(long_job.get().has_value());
   EXPECT_GE(slices.load(), 2);
+}
+
+TEST(GlThread, AJobInOneCallGivesWayToPreviews) {
+  auto thread = started();
+  std::atomic<int> previews{0};
+  std::atomic<bool> begun{false};
+  auto mapping = thread->submit(Priority::Mapping, "sweep", [&](Context&) -> Result<int> {
+    begun = true;
+    const auto end = steady_clock::now() + std::chrono::seconds(20);
+    while (previews < 3 && steady_clock::now() < end) thread->giveWay();
+    return previews.load();
+  });
+  while (!begun) std::this_thread::sleep_for(milliseconds(1));
+  std::vector<std::future<Result<void>>> done;
+  for (int i = 0; i < 3; ++i)
+    done.push_back(thread->submit(Priority::Preview, "preview", [&](Context& context) -> Result<void> {
+      ++previews;
+      return context.check();
+    }));
+  EXPECT_EQ(mapping.get().value(), 3);
+  for (auto& one : done) EXPECT_TRUE(one.get().has_value());
+}
+
+// Both always have work: previews get their share of the time and no more.
+TEST(GlThread, PreviewsKeepToTheirShareWhileMappingHasWork) {
+  for (const double share : {0.0, 0.25}) {
+    auto thread = started();
+    thread->setPreviewShare(share);
+    std::atomic<bool> stop{false};
+    auto mapping = thread->submit(Priority::Mapping, "sweep", [&](Context&) -> Result<void> {
+      while (!stop) {
+        std::this_thread::sleep_for(milliseconds(5));
+        thread->giveWay();
+      }
+      return {};
+    });
+    const auto preview = [](Context&) -> Result<void> {
+      std::this_thread::sleep_for(milliseconds(20));
+      return {};
+    };
+    std::deque<std::future<Result<void>>> waiting;
+    while (thread->stats().busy[1] < std::chrono::seconds(2)) {
+      while (waiting.size() < 3) waiting.push_back(thread->submit(Priority::Preview, "preview", preview));
+      if (waiting.front().wait_for(milliseconds(20)) == std::future_status::ready) waiting.pop_front();
+    }
+    const auto busy = thread->stats().busy;
+    stop = true;
+    ASSERT_TRUE(mapping.get().has_value());
+    const double taken =
+        static_cast<double>(busy[0].count()) / static_cast<double>((busy[0] + busy[1]).count());
+    EXPECT_LE(taken, share + 0.08);
+    EXPECT_GE(taken, share - 0.08);
+    for (auto& one : waiting) EXPECT_TRUE(one.get().has_value());  // served as soon as nothing else waits
+  }
 }
 
 TEST(GlThread, HigherPriorityGoesFirstEqualsInOrder) {
