@@ -125,12 +125,23 @@ SectionInfo describePose() {
   return t.take();
 }
 
+SectionInfo describeMission() {
+  SectionTable t("mission", &Settings::mission, "Missions: one map and one recorded flight each.");
+  t.key("start", &Mission::start, choices<MissionStart>({"boot", "arming", "command"}),
+        "what starts a mission: the daemon's start, the autopilot's arming (which also ends it), or only "
+        "`overfly mission start` and the link; a mission that a restart interrupted goes on in any case")
+      .live();
+  return t.take();
+}
+
 SectionInfo describeRecord() {
-  SectionTable t("record", &Settings::record, "Recording of the flight beside the mapping.");
-  t.key("enabled", &Record::enabled, "records every frame");
-  t.key("folder", &Record::folder, "folder in which each flight gets a folder of its own");
+  SectionTable t(
+      "record", &Settings::record,
+      "Recording of the flight: always, in the mission's folder beside its map, because a frame is "
+      "mapped from there when its turn comes.");
   t.key("raw_inputs", &Record::raw_inputs, "keeps telemetry packets, GPIO edges and clock pairs too");
-  t.key("min_free_mb", &Record::min_free_mb, Range{0, kMany}, "recording pauses when the disk has less left")
+  t.key("min_free_mb", &Record::min_free_mb, Range{0, kMany},
+        "frames are refused when the disk has less left")
       .live();
   return t.take();
 }
@@ -157,41 +168,51 @@ SectionInfo describeMap() {
 
 SectionInfo describeSweep() {
   SectionTable t("sweep", &Settings::sweep, "Elevation and orthophoto from frames.");
-  t.key("images", &Sweep::images, Range{2, 32}, "frames matched per tile; more is better and slower").live();
+  t.key("images", &Sweep::images, Range{2, 14}, "frames matched per tile; more is better and slower").live();
   t.key("window", &Sweep::window, {3, 5, 7, 9, 11, 13, 15}, "side of the support window, in texels").live();
   t.key("cost", &Sweep::cost, choices<MatchingCost>({"sad", "ssd", "zncc", "census"}),
         "matching cost; zncc and census do not mind changes of exposure")
       .live();
   t.key("better_half", &Sweep::better_half,
-        "counts only the better half of the frames at each texel (occlusions)")
+        "counts only the better half of the frames at each texel and height")
       .live();
-  t.key("planes", &Sweep::planes, Range{8, 1024}, "most height hypotheses per level of the search").live();
+  t.key("planes", &Sweep::planes, Range{8, 1024},
+        "most heights tried on the coarsest grid; a taller range is searched in wider steps")
+      .live();
   t.key("levels", &Sweep::levels, Range{1, 8}, "levels of the coarse-to-fine search").live();
-  t.key("regularise", &Sweep::regularise, Range{0, 1}, "how much neighbours must agree; 0 switches it off")
+  t.key("regularise", &Sweep::regularise, Range{0, 1},
+        "how much neighbours must agree on the coarsest grid; 0 switches it off")
       .live();
   t.key("working_scale", &Sweep::working_scale, Range{0.1, 1},
-        "share of the frames' resolution that is matched")
+        "share of the frames' resolution at which heights are measured; rounded to a power of two")
       .live();
   t.key("min_confidence", &Sweep::min_confidence, Range{0, 1},
         "texels below this matching confidence are not measured")
       .live();
   t.key("min_parallax_deg", &Sweep::min_parallax_deg, Range{0, 90},
-        "smallest parallax angle of a pair that is used")
+        "parallax angle below which a pair of frames is not chosen")
       .live();
   t.key("max_parallax_deg", &Sweep::max_parallax_deg, Range{1, 180},
-        "largest parallax angle of a pair that is used")
+        "parallax angle beyond which a pair of frames is not chosen")
       .live();
   t.key("search_above_m", &Sweep::search_above_m, Range{0, 9000},
-        "how far above the expected ground is searched")
+        "how far above the expected ground is searched; 0 goes by the height of flight")
       .live();
   t.key("search_below_m", &Sweep::search_below_m, Range{0, 9000},
-        "how far below the expected ground is searched")
+        "how far below the expected ground is searched; 0 goes by the height of flight")
       .live();
   t.key("prefer", &Sweep::prefer, choices<Prefer>({"best", "latest", "max_age"}),
         "which frames win where there are more than enough: the best seen, the latest, or the best of the "
         "last max_age_s")
       .live();
-  t.key("max_age_s", &Sweep::max_age_s, Range{0, kMany}, "age up to which frames count with prefer max_age")
+  t.key("max_age_s", &Sweep::max_age_s, Range{0, kMany},
+        "with prefer max_age: how much older than the newest frame of a place another may be")
+      .live();
+  t.key("fallback", &Sweep::fallback,
+        choices<Fallback>({"image_centre", "blend", "average", "overwrite", "lowest_cost"}),
+        "which of several frames colours a place without a height: the one that sees it nearest to its "
+        "centre, "
+        "all less towards their borders, all alike, the last, or the one that differs least from the others")
       .live();
   t.key("fill", &Sweep::fill, "fills small holes from their surroundings; filled texels are marked so")
       .live();
@@ -200,31 +221,36 @@ SectionInfo describeSweep() {
 
 SectionInfo describeClipmap() {
   SectionTable t("clipmap", &Settings::clipmap, "The pyramid of tiles and when a tile is made again.");
-  t.key("levels", &Clipmap::levels, Range{0, 30}, "levels of the pyramid; 0 takes as many as the area needs");
-  t.key("min_new_frames", &Clipmap::min_new_frames, Range{1, 1000},
-        "new frames of a tile that cause an update")
+  t.key("update_gain", &Clipmap::update_gain, Range{0, 10},
+        "a tile is made again when its views tell so much more than those that it was made from (0.8: 80 %); "
+        "higher saves work")
       .live();
-  t.key("max_wait_s", &Clipmap::max_wait_s, Range{0, 3600}, "time after which fewer new frames cause one too")
+  t.key("max_wait_s", &Clipmap::max_wait_s, Range{0, 3600},
+        "a tile that has never been swept waits no longer than this for more views after the last one")
+      .live();
+  t.key("settle_s", &Clipmap::settle_s, Range{0, 3600},
+        "the same for a tile that is to be swept once more, while there is more urgent work")
       .live();
   t.key("max_updates_per_s", &Clipmap::max_updates_per_s, Range{0, 1e6}, "limit on tile updates; 0 is none")
       .live();
-  t.key("ram_mb", &Clipmap::ram_mb, Range{16, 1e6}, "memory for tiles").live();
+  t.key("ram_mb", &Clipmap::ram_mb, Range{16, 1e6}, "memory for the tiles that their parents are made from")
+      .live();
   return t.take();
 }
 
 SectionInfo describeStore() {
   SectionTable t("store", &Settings::store, "The tile store on disk.");
   t.key("color_codec", &Store::color_codec, choices<ColorCodec>({"jpeg", "webp"}),
-        "how colour tiles are coded");
+        "how colour tiles are coded; a tile with holes is webp in any case")
+      .live();
   t.key("color_quality", &Store::color_quality, Range{1, 100}, "quality of colour tiles").live();
   t.key("elevation_step_m", &Store::elevation_step_m, Range{0.0001, 1},
         "step to which served elevation is rounded");
-  t.key("disk_budget_mb", &Store::disk_budget_mb, Range{0, kMany}, "most that a map may take; 0 is no limit")
+  t.key("disk_budget_mb", &Store::disk_budget_mb, Range{0, kMany},
+        "most that a mission's map and images may take: beyond it images of mapped frames are removed, those "
+        "that other frames cover best first; 0 is no limit")
       .live();
   t.key("min_free_mb", &Store::min_free_mb, Range{0, kMany}, "mapping pauses when the disk has less left")
-      .live();
-  t.key("commit_ms", &Store::commit_ms, Range{0, 60000},
-        "longest time that finished tiles wait to be committed")
       .live();
   return t.take();
 }
@@ -305,8 +331,6 @@ SectionInfo describeGpu() {
         "render node (/dev/dri/renderD128) or part of the renderer's name; empty takes the first that works");
   t.key("software", &Gpu::software, "uses Mesa's software rasteriser even where there is a GPU");
   t.key("frame_cache_mb", &Gpu::frame_cache_mb, Range{16, 1e6}, "GPU memory for rectified frames").live();
-  t.key("slice_ms", &Gpu::slice_ms, Range{1, 1000}, "longest piece of GPU work before others get their turn")
-      .live();
   return t.take();
 }
 
@@ -323,10 +347,10 @@ SectionInfo describePlan() {
 
 std::span<const SectionInfo> description() {
   static const std::vector<SectionInfo> sections = {
-      describeSource(), describeCamera(), describeGpio(),    describePose(),
-      describeRecord(), describeMap(),    describeSweep(),   describeClipmap(),
-      describeStore(),  describeLink(),   describePreview(), describeQuality(),
-      describeAdjust(), describeLog(),    describeGpu(),     describePlan()};
+      describeSource(), describeCamera(),  describeGpio(),    describePose(),    describeMission(),
+      describeRecord(), describeMap(),     describeSweep(),   describeClipmap(), describeStore(),
+      describeLink(),   describePreview(), describeQuality(), describeAdjust(),  describeLog(),
+      describeGpu(),    describePlan()};
   return sections;
 }
 

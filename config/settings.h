@@ -72,9 +72,12 @@ struct PoseSettings {
   double attitude_sigma_deg = 0;
 };
 
+enum class MissionStart { Boot, Arming, Command };
+struct Mission {
+  MissionStart start = MissionStart::Boot;
+};
+
 struct Record {
-  bool enabled = false;
-  std::filesystem::path folder = "/var/lib/overfly/flights";
   bool raw_inputs = true;
   int min_free_mb = 1024;
 };
@@ -92,41 +95,42 @@ struct Map {
 
 enum class MatchingCost { Sad, Ssd, Zncc, Census };
 enum class Prefer { Best, Latest, MaxAge };
+enum class Fallback { ImageCentre, Blend, Average, Overwrite, LowestCost };
 struct Sweep {
   int images = 12;
   int window = 7;
   MatchingCost cost = MatchingCost::Zncc;
   bool better_half = false;
-  int planes = 64;
+  int planes = 256;  // on the coarsest grid
   int levels = 4;
   double regularise = 0;        // 0..1
   double working_scale = 1;     // of the frames' resolution
   double min_confidence = 0.2;  // 0..1
-  double max_parallax_deg = 40;
-  double min_parallax_deg = 3;
-  double search_above_m = 60;  // around the ground that is expected
-  double search_below_m = 60;
+  double max_parallax_deg = 50;
+  double min_parallax_deg = 1.2;
+  double search_above_m = 0;  // around the ground that is expected; 0: by the height of flight
+  double search_below_m = 0;
   Prefer prefer = Prefer::Best;
   double max_age_s = 0;  // for MaxAge
   bool fill = true;
+  Fallback fallback = Fallback::ImageCentre;
 };
 
 struct Clipmap {
-  int levels = 0;  // 0: as many as the area needs
-  int min_new_frames = 2;
+  double update_gain = 0.8;  // growth of what the views tell that is worth another sweep
   double max_wait_s = 5;
+  double settle_s = 40;
   double max_updates_per_s = 0;  // 0: no limit
   int ram_mb = 256;
 };
 
 enum class ColorCodec { Jpeg, Webp };
 struct Store {
-  ColorCodec color_codec = ColorCodec::Webp;
+  ColorCodec color_codec = ColorCodec::Jpeg;
   int color_quality = 85;
   double elevation_step_m = 0.01;
   int disk_budget_mb = 0;  // 0: until the disk is nearly full
   int min_free_mb = 512;
-  int commit_ms = 500;
 };
 
 struct Link {
@@ -180,7 +184,6 @@ struct Gpu {
   std::string device;  // empty: the first that works
   bool software = false;
   int frame_cache_mb = 768;
-  int slice_ms = 20;
 };
 
 struct Plan {
@@ -193,6 +196,7 @@ struct Settings {
   Camera camera;
   Gpio gpio;
   PoseSettings pose;
+  Mission mission;
   Record record;
   Map map;
   Sweep sweep;

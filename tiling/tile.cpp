@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstring>
 
+#include "capture/geo/geodetic.h"
+
 namespace overfly::tiling {
 namespace {
 
@@ -26,6 +28,7 @@ Tile Tile::blank(const geo::TileKey& key, int size) {
   tile.kind.assign(n, kNoData);
   tile.source.assign(n, kNoSource);
   tile.gsd.assign(n, 0);
+  tile.angle.assign(n, 0);
   return tile;
 }
 
@@ -38,12 +41,22 @@ bool Tile::empty() const {
 bool operator==(const Tile& a, const Tile& b) {
   return a.key == b.key && a.size == b.size && a.color == b.color && sameBits(a.elevation, b.elevation) &&
          a.confidence == b.confidence && a.views == b.views && a.kind == b.kind && a.source == b.source &&
-         a.gsd == b.gsd && sameBits(a.elevation_max, b.elevation_max) && a.frame_set == b.frame_set;
+         a.gsd == b.gsd && a.angle == b.angle && sameBits(a.elevation_max, b.elevation_max) &&
+         a.frame_set == b.frame_set;
 }
 
 std::uint8_t gsdCode(double gsd_m) {
   if (!(gsd_m > 0)) return 0;
   return static_cast<std::uint8_t>(std::clamp(1 + std::lround(16 * std::log2(gsd_m / 1e-3)), 1L, 255L));
+}
+
+std::uint8_t angleCode(double angle) {
+  if (!(angle >= 0)) return 0;
+  return static_cast<std::uint8_t>(1 + std::min(180L, std::lround(2 * geo::degrees(angle))));
+}
+
+double angleFromCode(std::uint8_t code) {
+  return code == 0 ? std::numeric_limits<double>::quiet_NaN() : geo::radians((code - 1) / 2.0);
 }
 
 double gsdFromCode(std::uint8_t code) {

@@ -32,6 +32,7 @@ struct Tile {
   std::vector<std::uint8_t> kind;        // TexelKind bits
   std::vector<std::uint16_t> source;     // frame that gave the colour, as an index into frame_set; kNoSource
   std::vector<std::uint8_t> gsd;         // of that frame at the texel, coded: gsdFromCode; 0: unknown
+  std::vector<std::uint8_t> angle;       // between its line of sight there and the vertical: angleFromCode
   std::vector<float> elevation_max;      // see elevationMax(): set for parents, empty where it is derived
   std::vector<std::uint64_t> frame_set;  // ids of all frames that a level-0 tile is a function of, ascending;
                                          // empty for parents
@@ -52,6 +53,10 @@ struct Tile {
 // steps of 4.4 %; out-of-range values are clamped; 0 stands for unknown (NaN, or not positive).
 [[nodiscard]] std::uint8_t gsdCode(double gsd_m);
 [[nodiscard]] double gsdFromCode(std::uint8_t code);
+
+// Angle of a line of sight from the vertical as one byte: 1 + half degrees, 0..90 degrees; 0: unknown.
+[[nodiscard]] std::uint8_t angleCode(double angle);     // radians; negative or NaN: unknown
+[[nodiscard]] double angleFromCode(std::uint8_t code);  // radians, NaN for unknown
 
 // The ray-caster's bound: for each texel the largest height that the bilinear surface through the texel
 // centres takes over the texel's square, i.e. the maximum of the 3x3 neighbourhood of texels (only what is

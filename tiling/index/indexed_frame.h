@@ -16,7 +16,8 @@ struct IndexedFrame {
   std::uint64_t id = 0;  // unique within a map; also the order of every result
   capture::CameraModel camera;
   capture::Pose pose;
-  double sharpness = 0;  // any measure that grows with sharpness, comparable within a flight; 0: unknown
+  std::int64_t utc_ns = 0;  // middle of the exposure
+  double sharpness = 0;     // any measure that grows with sharpness, comparable within a flight; 0: unknown
 
   // The view pyramid's base in ECEF (3.2.3), perpendicular to the view; for a near-vertical frame just deep
   // enough that the whole footprint lies before it, else at a set depth. Corners top-left, top-right,

@@ -3,6 +3,7 @@
 #include <span>
 #include <vector>
 
+#include "capture/geo/geodetic.h"
 #include "tiling/index/indexed_frame.h"
 
 namespace overfly::tiling {
@@ -14,7 +15,8 @@ struct ViewSelectionOptions {
   double max_obliqueness = 0.7;  // radians between the line of sight and the vertical, where it sees the tile
   // Parallax angles (radians) between two views at the tile: below the first value a pair tells little about
   // height, beyond the last one matching fails; between the middle two it is best.
-  double parallax_low = 0.02, parallax_best_from = 0.12, parallax_best_to = 0.45, parallax_high = 0.9;
+  double parallax_low = geo::radians(1.2), parallax_best_from = 0.12, parallax_best_to = 0.45;
+  double parallax_high = geo::radians(50);
 };
 
 struct SelectedView {

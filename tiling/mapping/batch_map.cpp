@@ -42,11 +42,13 @@ Result<BatchResult> mapFlight(gl::Context& context, const capture::Flight& fligh
     first.push_back(std::move(*thumbnail));
     cameras.push_back((*frame)->camera);
   }
-  auto ground = Mapper::settleGround(first, cameras, options.lattice, options.mapper.tile_size,
-                                     options.ground_height_m, options.gsd_m);
-  if (!ground && !options.ground_height_m && flight.info().ground_height_m)
-    ground = Mapper::settleGround(first, cameras, options.lattice, options.mapper.tile_size,
-                                  flight.info().ground_height_m, options.gsd_m);
+  GroundOptions settling = options.ground;
+  settling.tile_size = options.mapper.tile_size;
+  auto ground = Mapper::settleGround(first, cameras, options.lattice, settling);
+  if (!ground && !settling.height_m && flight.info().ground_height_m) {
+    settling.height_m = flight.info().ground_height_m;
+    ground = Mapper::settleGround(first, cameras, options.lattice, settling);
+  }
   if (!ground) return tl::unexpected(ground.error());
   mapper.setGround(*ground);
   result.ground = *ground;

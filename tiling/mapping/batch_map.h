@@ -13,8 +13,8 @@ namespace overfly::tiling {
 struct BatchOptions {
   MapperOptions mapper;
   geo::TileLattice lattice = geo::TileLattice::webMercator();
-  std::optional<double> ground_height_m;  // else found from the images, else what the flight says
-  std::optional<double> gsd_m;            // of level 0; else that of the frames
+  GroundOptions ground;  // its tile_size is the mapper's; a height that is not given is what the flight says
+                         // where the images do not tell
 };
 
 struct BatchResult {

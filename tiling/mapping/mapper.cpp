@@ -77,6 +77,7 @@ struct Mapper::Impl {
   // Match images of frames that the cache still holds.
   std::map<std::uint64_t, std::pair<std::weak_ptr<const RectifiedFrame>, gl::Texture>> match_images;
   std::map<geo::TileKey, SweptCell> cells;
+  std::set<geo::TileKey> forgotten;  // swept once, and no longer among `cells`
   std::uint64_t clock = 0;
   ExposureBalance balance;
   std::map<std::uint64_t, float> gains;
@@ -88,10 +89,19 @@ struct Mapper::Impl {
   };
   Result<Held> hold(std::uint64_t id, bool with_match);
   Result<SweptCell*> swept(const geo::TileKey& cell, bool* changed);
-  std::vector<const IndexedFrame*> colourViews(const geo::TileKey& cell) const;
+  struct ColourView {
+    const IndexedFrame* frame;
+    double worth;  // by its age alone
+  };
+  std::vector<ColourView> colourViews(const geo::TileKey& cell) const;
   Result<std::vector<Tile>> colour(const geo::TileKey& cell, HeightMosaic mosaic,
                                    std::set<std::uint64_t> frame_set);
   void forgetOldCells();
+  std::function<bool()> pause;
+  Result<void> rest() const {
+    if (pause && !pause()) return fail(ErrorCode::Unavailable, "the work was put aside");
+    return {};
+  }
 };
 
 Mapper::Mapper(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -118,14 +128,13 @@ Result<std::unique_ptr<Mapper>> Mapper::create(gl::Context& context, const Mappe
 
 Result<MapGround> Mapper::settleGround(std::span<const Thumbnail> first_frames,
                                        std::span<const capture::CameraModel> cameras,
-                                       const geo::TileLattice& lattice, int tile_size,
-                                       std::optional<double> ground_height_m, std::optional<double> gsd_m) {
+                                       const geo::TileLattice& lattice, const GroundOptions& options) {
   if (first_frames.empty() || cameras.empty())
     return fail(ErrorCode::BadInput, "no frame with a pose to settle the map's place from");
   MapGround ground;
   ground.lattice = lattice;
   auto estimate = estimateGround(first_frames);
-  if (!estimate && !ground_height_m) return tl::unexpected(estimate.error());
+  if (!estimate && !options.height_m) return tl::unexpected(estimate.error());
   std::vector<double> heights;
   for (const Thumbnail& frame : first_frames)
     heights.push_back(geo::geodeticFromEcef(frame.pose.position_in_ecef).height_m);
@@ -133,7 +142,7 @@ Result<MapGround> Mapper::settleGround(std::span<const Thumbnail> first_frames,
                    heights.end());
   const double camera = heights[heights.size() / 2];
   const double highest_camera = *std::max_element(heights.begin(), heights.end());
-  ground.height_m = ground_height_m ? *ground_height_m : estimate->height_m;
+  ground.height_m = options.height_m ? *options.height_m : estimate->height_m;
   const double above = camera - ground.height_m;
   if (!(above > 0.5))
     return fail(
@@ -147,9 +156,11 @@ Result<MapGround> Mapper::settleGround(std::span<const Thumbnail> first_frames,
   const double slope_up =
       estimate ? std::clamp(estimate->highest_m - ground.height_m, 0.0, 0.3 * above) : 0.0;
   // Whole metres, so that small differences of the estimate do not move the planes.
-  ground.min_height_m = std::floor(ground.height_m - slope_down - 0.25 * above - 2);
-  ground.max_height_m =
-      std::ceil(std::min(ground.height_m + slope_up + 0.6 * above, highest_camera - 0.05 * above));
+  const double below_ground =
+      options.search_below_m > 0 ? options.search_below_m : slope_down + 0.25 * above + 2;
+  const double above_ground = options.search_above_m > 0 ? options.search_above_m : slope_up + 0.6 * above;
+  ground.min_height_m = std::floor(ground.height_m - below_ground);
+  ground.max_height_m = std::ceil(std::min(ground.height_m + above_ground, highest_camera - 0.05 * above));
   ground.gsd_m = above / cameras.front().fx;
   const geo::Geodetic place = geo::geodeticFromEcef(first_frames.front().pose.position_in_ecef);
   const auto plane = lattice.planeFromGeodetic(place.lat, place.lon);
@@ -160,25 +171,41 @@ Result<MapGround> Mapper::settleGround(std::span<const Thumbnail> first_frames,
             "the lattice {} does not reach latitude {:.4f}: set map.lattice to a utm, ups or local one",
             lattice.text(), geo::degrees(place.lat)));
   ground.anchor_px = plane->x();
-  ground.base_zoom = lattice.zoomForGsd(gsd_m.value_or(ground.gsd_m), place.lat, place.lon, tile_size);
-  ground.texel_m = lattice.texelSize(ground.base_zoom, place.lat, place.lon, tile_size);
+  ground.base_zoom =
+      lattice.zoomForGsd(options.gsd_m.value_or(ground.gsd_m), place.lat, place.lon, options.tile_size);
+  ground.texel_m = lattice.texelSize(ground.base_zoom, place.lat, place.lon, options.tile_size);
   return ground;
 }
 
 void Mapper::setGround(const MapGround& ground) {
   impl_->ground = ground;
   impl_->index = std::make_unique<FrameIndex>(ground.lattice);
-  impl_->scale = impl_->options.working_scale;
-  if (impl_->scale < 0) {
-    impl_->scale = 0;
-    while (ground.texel_m * (1 << impl_->scale) < 0.9 * ground.gsd_m) ++impl_->scale;
-  }
+  impl_->scale = 0;
+  while (ground.texel_m * (1 << impl_->scale) < 0.9 * ground.gsd_m / impl_->options.working_scale)
+    ++impl_->scale;
 }
 
 const MapGround& Mapper::ground() const { return impl_->ground; }
 int Mapper::cellZoom() const { return impl_->ground.base_zoom - impl_->scale; }
 const FrameIndex& Mapper::index() const { return *impl_->index; }
+void Mapper::setOptions(const MapperOptions& options) {
+  impl_->options.sweep = options.sweep;
+  impl_->options.views = options.views;
+  impl_->options.frames = options.frames;
+  impl_->options.hole_texels = options.hole_texels;
+}
+
+void Mapper::onPause(std::function<bool()> pause) {
+  impl_->pause = std::move(pause);
+  impl_->sweeper->onPause(impl_->pause);
+}
+
 const MapperStatistics& Mapper::statistics() const { return impl_->statistics; }
+
+const HeightField* Mapper::sweptField(const geo::TileKey& cell) const {
+  const auto found = impl_->cells.find(cell);
+  return found == impl_->cells.end() ? nullptr : &found->second.field;
+}
 
 std::vector<geo::TileKey> Mapper::neighboursOf(const geo::TileKey& cell) {
   std::vector<geo::TileKey> keys;
@@ -217,8 +244,9 @@ Result<std::vector<geo::TileKey>> Mapper::addFrame(std::uint64_t id, const captu
   if (!rectified) return tl::unexpected(rectified.error());
   const MapGround& ground = impl_->ground;
   auto record = makeIndexedFrame(id, frame->camera, *frame->pose, (*rectified)->stats.sharpness,
-                                 ground.lattice, ground.anchor_px, ground.height_m);
+                                 ground.lattice, ground.anchor_px, ground.height_m, impl_->options.frames);
   if (!record) return tl::unexpected(record.error());
+  record->utc_ns = frame->time_ns + frame->utc_offset_ns;
   std::set<geo::TileKey> touched;
   if (const IndexedFrame* old = impl_->index->find(id))
     for (const geo::TileKey& key : FrameIndex::tilesUnder(*old, cellZoom())) touched.insert(key);
@@ -232,16 +260,14 @@ Result<std::vector<geo::TileKey>> Mapper::addFrame(std::uint64_t id, const captu
   return std::vector(touched.begin(), touched.end());
 }
 
-std::vector<geo::TileKey> Mapper::balanceExposure(double threshold) {
+std::vector<geo::TileKey> Mapper::balanceExposure() {
   std::map<std::uint64_t, float> solved = impl_->balance.solve();
   std::set<geo::TileKey> touched;
   for (auto& [id, gain] : solved) {
+    // In steps, and not "when it has moved enough": the gains are a function of the frames alone.
+    gain = std::exp(std::round(std::log(gain) / 0.01f) * 0.01f);
     const auto old = impl_->gains.find(id);
-    const float before = old == impl_->gains.end() ? 1.0f : old->second;
-    if (std::abs(gain / before - 1) <= static_cast<float>(threshold)) {
-      gain = before;
-      continue;
-    }
+    if (gain == (old == impl_->gains.end() ? 1.0f : old->second)) continue;
     if (const IndexedFrame* record = impl_->index->find(id))
       for (const geo::TileKey& key : FrameIndex::tilesUnder(*record, cellZoom())) touched.insert(key);
   }
@@ -276,13 +302,15 @@ void Mapper::Impl::forgetOldCells() {
     const auto oldest = std::min_element(cells.begin(), cells.end(), [](const auto& a, const auto& b) {
       return a.second.last_use < b.second.last_use;
     });
+    forgotten.insert(oldest->first);
     cells.erase(oldest);
   }
 }
 
 Result<SweptCell*> Mapper::Impl::swept(const geo::TileKey& cell, bool* changed) {
   const std::vector<const IndexedFrame*> candidates =
-      index->framesForTile(cell, ground.min_height_m, ground.max_height_m);
+      recentFrames(index->framesForTile(cell, ground.min_height_m, ground.max_height_m), ground.lattice, cell,
+                   ground.height_m, options.recency);
   ViewSelectionOptions view_options = options.views;
   view_options.max_views = std::min(options.sweep.max_views, SweepOptions::kMaxViews);
   const std::vector<SelectedView> selected =
@@ -294,6 +322,7 @@ Result<SweptCell*> Mapper::Impl::swept(const geo::TileKey& cell, bool* changed) 
     poses.push_back(index->find(view.id)->pose);
   }
   SweptCell& entry = cells[cell];
+  forgotten.erase(cell);
   entry.last_use = ++clock;
   const bool same = !entry.field.height.empty() && entry.views == ids &&
                     std::equal(poses.begin(), poses.end(), entry.poses.begin(), entry.poses.end(), samePose);
@@ -332,9 +361,10 @@ Result<bool> Mapper::sweepCell(const geo::TileKey& cell) {
 }
 
 // The frames that look most steeply at nine places of the cell, in turns, so that each place has its best.
-std::vector<const IndexedFrame*> Mapper::Impl::colourViews(const geo::TileKey& cell) const {
+std::vector<Mapper::Impl::ColourView> Mapper::Impl::colourViews(const geo::TileKey& cell) const {
   const std::vector<const IndexedFrame*> candidates =
-      index->framesForTile(cell, ground.min_height_m, ground.max_height_m);
+      recentFrames(index->framesForTile(cell, ground.min_height_m, ground.max_height_m), ground.lattice, cell,
+                   ground.height_m, options.recency);
   std::vector<std::vector<std::pair<double, const IndexedFrame*>>> ranked;
   for (const double fy : {0.5, 0.05, 0.95})
     for (const double fx : {0.5, 0.05, 0.95}) {
@@ -361,24 +391,30 @@ std::vector<const IndexedFrame*> Mapper::Impl::colourViews(const geo::TileKey& c
   for (const IndexedFrame* frame : candidates)
     if (static_cast<int>(chosen.size()) < Orthographer::kMaxViews && taken.insert(frame->id).second)
       chosen.push_back(frame);
-  std::sort(chosen.begin(), chosen.end(), [](const auto* a, const auto* b) { return a->id < b->id; });
-  return chosen;
+  const std::vector<double> worth = recencyWorth(candidates, options.recency);
+  std::vector<ColourView> views;
+  for (std::size_t i = 0; i < candidates.size(); ++i)
+    if (std::find(chosen.begin(), chosen.end(), candidates[i]) != chosen.end())
+      views.push_back({candidates[i], worth[i]});
+  std::sort(views.begin(), views.end(),
+            [](const ColourView& one, const ColourView& other) { return one.frame->id < other.frame->id; });
+  return views;
 }
 
 Result<std::vector<Tile>> Mapper::Impl::colour(const geo::TileKey& cell, HeightMosaic mosaic,
                                                std::set<std::uint64_t> frame_set) {
-  const std::vector<const IndexedFrame*> sources = colourViews(cell);
+  const std::vector<ColourView> sources = colourViews(cell);
   std::vector<Held> held;
   std::vector<OrthoView> views;
   double sharpest = 0;
-  for (const IndexedFrame* source : sources) sharpest = std::max(sharpest, source->sharpness);
-  for (const IndexedFrame* source : sources) {
+  for (const ColourView& source : sources) sharpest = std::max(sharpest, source.frame->sharpness);
+  for (const auto& [source, by_age] : sources) {
     auto frame = hold(source->id, false);
     if (!frame) return tl::unexpected(frame.error());
     const auto gain = gains.find(source->id);
     const double worth = sharpest > 0 ? std::clamp(source->sharpness / sharpest, 0.25, 1.0) : 1.0;
     views.push_back({source->id, &frame->frame->color, frame->frame->pinhole, source->pose,
-                     gain == gains.end() ? 1.0f : gain->second, static_cast<float>(worth)});
+                     gain == gains.end() ? 1.0f : gain->second, static_cast<float>(worth * by_age)});
     frame_set.insert(source->id);
     held.push_back(std::move(*frame));
   }
@@ -389,9 +425,10 @@ Result<std::vector<Tile>> Mapper::Impl::colour(const geo::TileKey& cell, HeightM
   const std::vector<float> surface = guessSurface(mosaic.height, side, ground.height_m);
   const geo::TileFrame frame(ground.lattice, cell);
   const int size = options.tile_size << scale;
+  if (auto ok = rest(); !ok) return tl::unexpected(ok.error());
   const Stopwatch watch(statistics.ortho_s);
-  auto photo =
-      orthographer->render({&frame, mosaic.texels, mosaic.margin, surface, provisional}, views, size);
+  auto photo = orthographer->render({&frame, mosaic.texels, mosaic.margin, surface, provisional}, views, size,
+                                    options.fallback);
   if (!photo) return tl::unexpected(photo.error());
 
   const std::vector<std::uint64_t> set(frame_set.begin(), frame_set.end());
@@ -417,6 +454,7 @@ Result<std::vector<Tile>> Mapper::Impl::colour(const geo::TileKey& cell, HeightM
           if (photo->source[in] != 65535) tile.source[out] = source_of[photo->source[in]];
           tile.views[out] = photo->seen_by[in];
           tile.gsd[out] = gsdCode(static_cast<double>(photo->gsd_m[in]));
+          if (photo->source[in] != 65535) tile.angle[out] = angleCode(static_cast<double>(photo->tilt[in]));
           // The height at the texel's centre: bilinear in the sweep's grid, unless a neighbour is missing.
           const double gx = (px + 0.5) / per_side - 0.5 + mosaic.margin,
                        gy = (py + 0.5) / per_side - 0.5 + mosaic.margin;
@@ -443,12 +481,24 @@ Result<std::vector<Tile>> Mapper::Impl::colour(const geo::TileKey& cell, HeightM
   return tiles;
 }
 
-Result<std::vector<Tile>> Mapper::finishCell(const geo::TileKey& cell) {
+Result<std::vector<Tile>> Mapper::finishCell(const geo::TileKey& cell, Around neighbours) {
   std::array<const HeightField*, 9> fields{};
   std::set<std::uint64_t> frame_set;
   const std::vector<geo::TileKey> around = neighboursOf(cell);
   double step_m = 0;
   for (std::size_t i = 0; i < around.size(); ++i) {
+    if (neighbours == Around::AsSwept && around[i] != cell) {
+      const auto known = impl_->cells.find(around[i]);
+      // One that has left the memory is swept again, so that the tile does not lose its rim.
+      if (known == impl_->cells.end() && !impl_->forgotten.contains(around[i])) continue;
+      if (known != impl_->cells.end() && !known->second.field.height.empty()) {
+        known->second.last_use = ++impl_->clock;
+        fields[i] = &known->second.field;
+        frame_set.insert(known->second.views.begin(), known->second.views.end());
+        step_m = std::max(step_m, known->second.field.plane_step_m);
+        continue;
+      }
+    }
     auto entry = impl_->swept(around[i], nullptr);
     if (!entry) return tl::unexpected(entry.error());
     fields[i] = &(*entry)->field;

@@ -10,9 +10,11 @@
 #include "config/error.h"
 #include "render/gl/context.h"
 #include "tiling/index/frame_index.h"
+#include "tiling/index/recent_frames.h"
 #include "tiling/index/view_selection.h"
 #include "tiling/mapping/thumbnail.h"
 #include "tiling/sweep/match_image.h"
+#include "tiling/sweep/orthophoto.h"
 #include "tiling/sweep/sweep.h"
 #include "tiling/tile.h"
 
@@ -22,10 +24,14 @@ struct MapperOptions {
   SweepOptions sweep;
   MatchImageOptions match;
   ViewSelectionOptions views;  // max_views is taken from `sweep`
+  IndexedFrameOptions frames;  // which of them make tiles
   int tile_size = 256;         // texels of a tile
-  // The sweep's texel is 2^working_scale times the map's: -1 takes the finest that is not finer than
-  // 0.9 GSD, because heights below the images' resolution only cost time.
-  int working_scale = -1;
+  RecencyOptions recency;      // which frames count where there are more than enough
+  // Share of the frames' resolution that is matched: the sweep's texel is 2^k times the map's, the finest
+  // that is not finer than 0.9 GSD / working_scale. At 1, heights below the images' resolution only cost
+  // time.
+  double working_scale = 1;
+  Fallback fallback = Fallback::ImageCentre;  // where a texel has no height
   int hole_texels = 400;  // largest hole (sweep texels) that is filled from its neighbours
   std::size_t frame_cache_bytes = 600u << 20;
   int field_cache = 400;  // swept cells kept; a cell that has left is swept again when a neighbour asks
@@ -40,6 +46,15 @@ struct MapGround {
   double height_m = 0;                        // typical ground
   double min_height_m = 0, max_height_m = 0;  // search range of the sweep
   double anchor_px = 0.5;                     // unwrapped plane x of the first frame
+};
+
+// What settles the map's place and resolution beside the first frames.
+struct GroundOptions {
+  int tile_size = 256;
+  std::optional<double> height_m;  // known typical ground instead of the estimate from the images
+  std::optional<double> gsd_m;     // wanted for level 0 instead of the frames' median
+  // Search range around the ground; 0: from the height of flight, and the slope that the images show.
+  double search_above_m = 0, search_below_m = 0;
 };
 
 struct MapperStatistics {
@@ -65,13 +80,10 @@ class Mapper {
   [[nodiscard]] Result<Thumbnail> thumbnailOf(std::uint64_t id, const capture::FramePtr& frame);
 
   // Settles lattice, zoom and height range from thumbnails of the first frames; called once, before addFrame.
-  // `ground_height_m`: known typical ground instead of the estimate from the images. `gsd_m`: wanted ground
-  // sampling distance of level 0 instead of the frames' median.
   [[nodiscard]] static Result<MapGround> settleGround(std::span<const Thumbnail> first_frames,
                                                       std::span<const capture::CameraModel> cameras,
-                                                      const geo::TileLattice& lattice, int tile_size,
-                                                      std::optional<double> ground_height_m = std::nullopt,
-                                                      std::optional<double> gsd_m = std::nullopt);
+                                                      const geo::TileLattice& lattice,
+                                                      const GroundOptions& options = {});
   void setGround(const MapGround& ground);
   [[nodiscard]] const MapGround& ground() const;
   [[nodiscard]] int cellZoom() const;
@@ -84,24 +96,38 @@ class Mapper {
   [[nodiscard]] Result<std::vector<geo::TileKey>> addFrame(std::uint64_t id, const capture::FramePtr& frame,
                                                            Loader load);
 
-  // Equalises the exposures of all frames so far. Returns the cells of frames whose gain changed by more
-  // than `threshold` (relative): their colour is to be made again.
-  [[nodiscard]] std::vector<geo::TileKey> balanceExposure(double threshold = 0.01);
+  // Equalises the exposures of all frames so far, in steps of 1 %. Returns the cells of frames whose gain
+  // changed: their colour is to be made again.
+  [[nodiscard]] std::vector<geo::TileKey> balanceExposure();
 
   // Sweeps a cell if its frame set has changed since it was last swept. True when it now has heights that it
   // did not have before: the cell and its eight neighbours are to be finished.
   [[nodiscard]] Result<bool> sweepCell(const geo::TileKey& cell);
 
   // The level-0 tiles of a cell: blends the heights with those of the neighbouring cells, fills small holes,
-  // colours. Sweeps what it needs. Empty tiles are left out.
-  [[nodiscard]] Result<std::vector<Tile>> finishCell(const geo::TileKey& cell);
+  // colours. Empty tiles are left out. `Around::Current` sweeps the cell and its neighbours where their frame
+  // sets have changed. `Around::AsSwept` takes the neighbours as they were last swept, those never swept for
+  // empty: for a map in the making, whose changed cells all have their own turn.
+  enum class Around { Current, AsSwept };
+  [[nodiscard]] Result<std::vector<Tile>> finishCell(const geo::TileKey& cell,
+                                                     Around around = Around::Current);
 
   // Colour at once: the frames projected onto the plane of the typical ground (or what heights there are),
   // marked as provisional.
   [[nodiscard]] Result<std::vector<Tile>> provisionalCell(const geo::TileKey& cell);
 
+  // How cells are swept and finished from now on; sizes, scale and memory stay as they were made.
+  void setOptions(const MapperOptions& options);
+
+  // Called between the passes of a sweep and of an orthophoto, some tens of milliseconds apart on a software
+  // rasteriser: others may use the context meanwhile. Answering false ends the call that is under way with
+  // Unavailable, and nothing of it is kept. None at the start.
+  void onPause(std::function<bool()> pause);
+
   [[nodiscard]] static std::vector<geo::TileKey> neighboursOf(
       const geo::TileKey& cell);  // 3x3, itself included
+  // A cell as it was last swept, before neighbours are blended and holes filled; null when it was not.
+  [[nodiscard]] const HeightField* sweptField(const geo::TileKey& cell) const;
   [[nodiscard]] const MapperStatistics& statistics() const;
 
  private:

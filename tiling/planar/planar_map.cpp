@@ -154,7 +154,12 @@ Result<void> PlanarMap::work() {
   for (;;) {
     std::vector<TileJob> jobs;
     while (auto job = scheduler_.next(now_ns())) jobs.push_back(*job);
-    const bool from_frames = !jobs.empty() && jobs.front().kind == TileJob::Kind::FromFrames;
+    // On level ground there is nothing to sweep, and no neighbour whose heights would change.
+    if (!jobs.empty() && jobs.front().kind == TileJob::Kind::Sweep) {
+      for (const TileJob& job : jobs) scheduler_.done(job, false, now_ns());
+      continue;
+    }
+    const bool from_frames = !jobs.empty() && jobs.front().kind == TileJob::Kind::Finish;
     if ((jobs.empty() || from_frames) && !batch.tiles.empty()) {
       if (auto ok = submit(std::move(batch)); !ok) return ok;
       batch = {};

@@ -28,7 +28,9 @@ struct PlanarOptions {
   int ahead = 2;                         // frames that are decoded before their turn
   std::size_t image_bytes = 256u << 20;  // decoded frames kept; a frame that has left is loaded again
   std::size_t tile_bytes = 64u << 20;    // decoded tiles kept for their parents, beside one batch
-  SchedulerOptions schedule{.min_new_frames = 1, .max_wait_s = 0, .batch_tiles = 256};
+  // Every new frame is worth an update: a projection costs little.
+  SchedulerOptions schedule{
+      .first_knowledge = 0, .growth = 0, .max_wait_s = 0, .settle_s = 0, .batch_tiles = 256};
   EncodeOptions encoding;
 };
 

@@ -5,7 +5,7 @@ namespace overfly::tiling {
 std::size_t TileCache::bytesOf(const Tile& tile) {
   return sizeof(Tile) + tile.color.capacity() + tile.elevation.capacity() * sizeof(float) +
          tile.confidence.capacity() + tile.views.capacity() + tile.kind.capacity() +
-         tile.source.capacity() * sizeof(std::uint16_t) + tile.gsd.capacity() +
+         tile.source.capacity() * sizeof(std::uint16_t) + tile.gsd.capacity() + tile.angle.capacity() +
          tile.frame_set.capacity() * sizeof(std::uint64_t);
 }
 

@@ -11,7 +11,7 @@ namespace overfly::tiling {
 namespace {
 
 // The quality layer's planes, in this order.
-enum Plane : std::size_t { kKind, kConfidence, kViews, kSourceLow, kSourceHigh, kGsd, kPlanes };
+enum Plane : std::size_t { kKind, kConfidence, kViews, kSourceLow, kSourceHigh, kGsd, kAngle, kPlanes };
 
 LayerStatistics heightStatistics(std::span<const float> heights) {
   LayerStatistics statistics;
@@ -29,7 +29,8 @@ Result<void> checkTile(const Tile& tile) {
   const auto fits = [n](std::size_t size) { return size == 0 || size == n; };
   if (tile.size < 1 || tile.size > 4096 || !fits(tile.elevation.size()) || !fits(tile.confidence.size()) ||
       !fits(tile.views.size()) || !fits(tile.kind.size()) || !fits(tile.source.size()) ||
-      !fits(tile.gsd.size()) || (!tile.color.empty() && tile.color.size() != 4 * n))
+      !fits(tile.gsd.size()) || !fits(tile.angle.size()) ||
+      (!tile.color.empty() && tile.color.size() != 4 * n))
     return fail(ErrorCode::BadInput, "the layers of a tile differ in size");
   if (std::adjacent_find(tile.frame_set.begin(), tile.frame_set.end(), std::greater_equal<>()) !=
       tile.frame_set.end())
@@ -61,6 +62,7 @@ Result<EncodedLayer> encodeQuality(const Tile& tile, const EncodeOptions& option
   planes[kConfidence] = coarsened(orZero(tile.confidence), options.confidence_levels);
   planes[kViews] = orZero(tile.views);
   planes[kGsd] = orZero(tile.gsd);
+  planes[kAngle] = orZero(tile.angle);
   planes[kSourceLow].assign(n, Tile::kNoSource & 0xff);
   planes[kSourceHigh].assign(n, Tile::kNoSource >> 8);
   for (std::size_t i = 0; i < tile.source.size(); ++i) {
@@ -79,11 +81,16 @@ Result<EncodedLayer> encodeQuality(const Tile& tile, const EncodeOptions& option
 Result<void> decodeQuality(std::span<const std::uint8_t> bytes, Tile& tile) {
   auto planes = decodePlanes(bytes, tile.size);
   if (!planes) return tl::unexpected(planes.error());
-  if (planes->size() < kPlanes) return fail(ErrorCode::Corrupt, "the quality layer lacks planes");
+  if (planes->size() < kAngle) return fail(ErrorCode::Corrupt, "the quality layer lacks planes");
   tile.kind = std::move((*planes)[kKind]);
   tile.confidence = std::move((*planes)[kConfidence]);
   tile.views = std::move((*planes)[kViews]);
   tile.gsd = std::move((*planes)[kGsd]);
+  // Maps made before there were angles have one plane less.
+  if (planes->size() > kAngle)
+    tile.angle = std::move((*planes)[kAngle]);
+  else
+    tile.angle.assign(tile.texels(), 0);
   tile.source.resize(tile.texels());
   for (std::size_t i = 0; i < tile.source.size(); ++i)
     tile.source[i] = static_cast<std::uint16_t>((*planes)[kSourceLow][i] | (*planes)[kSourceHigh][i] << 8);

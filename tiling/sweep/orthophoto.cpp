@@ -88,7 +88,7 @@ Result<std::unique_ptr<Orthographer>> Orthographer::create(gl::Context& context)
 }
 
 Result<Orthophoto> Orthographer::render(const OrthoSurface& surface, std::span<const OrthoView> all_views,
-                                        int size) {
+                                        int size, Fallback fallback) {
   const auto views = all_views.first(std::min<std::size_t>(all_views.size(), kMaxViews));
   const std::size_t texels = static_cast<std::size_t>(size) * static_cast<std::size_t>(size);
   Orthophoto photo;
@@ -98,6 +98,7 @@ Result<Orthophoto> Orthographer::render(const OrthoSurface& surface, std::span<c
   photo.seen_by.assign(texels, 0);
   photo.provisional.assign(texels, 0);
   photo.gsd_m.assign(texels, 0.0f);
+  photo.tilt.assign(texels, 0.0f);
   if (views.empty()) return photo;
 
   const auto [lowest, highest] = std::minmax_element(surface.height.begin(), surface.height.end());
@@ -149,6 +150,7 @@ Result<Orthophoto> Orthographer::render(const OrthoSurface& surface, std::span<c
   p.set("gain", std::span<const float>(gain));
   p.set("worth", std::span<const float>(worth));
   p.set("focal", std::span<const float>(focal));
+  p.set("fallback", static_cast<int>(fallback));
   p.set("highest", *highest - reference);
   p.set("march_step", static_cast<float>(2.0 * enu_from_st.col(0).norm() / surface.texels));
   gl::drawFullScreen(p, (*targets)->into);
@@ -166,6 +168,7 @@ Result<Orthophoto> Orthographer::render(const OrthoSurface& surface, std::span<c
     photo.seen_by[i] = source[4 * i + 1];
     photo.provisional[i] = source[4 * i + 2];
     photo.gsd_m[i] = detail[4 * i];
+    photo.tilt[i] = detail[4 * i + 1];
   }
   return photo;
 }

@@ -23,6 +23,15 @@ struct OrthoView {
   float worth = 1;  // of the frame as a whole: sharpness relative to its neighbours
 };
 
+// Which of several views colours a texel whose height is only a guess (thesis 5.4, figure 5.6).
+enum class Fallback {
+  ImageCentre,  // the one that sees it nearest to its image's centre: fewest lateral surfaces
+  Blend,        // all, less towards the border of an image
+  Average,      // all alike
+  Overwrite,    // the one given last
+  LowestCost,   // the one that differs least from the others
+};
+
 // The surface over a cell, side x side, with `apron` texels around the cell's `texels`.
 struct OrthoSurface {
   const geo::TileFrame* frame = nullptr;
@@ -40,12 +49,13 @@ struct Orthophoto {
   std::vector<std::uint8_t> seen_by;      // frames that see the texel, occlusion considered
   std::vector<std::uint8_t> provisional;  // 1: plain projection onto a guessed surface
   std::vector<float> gsd_m;               // of the source at the texel; 0: none
+  std::vector<float> tilt;                // of the source's line of sight from the vertical, radians
 };
 
 // Colours a surface (thesis 5.4, made a true orthophoto by testing occlusion along the ray to each camera).
-// The view with the smallest angle from straight down wins (which, on a guessed surface, is the seeds'
-// "smallest distance to the image centre" for level cameras); two that are nearly equal are mixed, so that
-// no seam shows; a texel that no view sees is coloured by the least bad one.
+// The view with the smallest angle from straight down wins; two that are nearly equal are mixed, so that
+// no seam shows; a texel that no view sees is coloured by the least bad one. On a guessed surface `fallback`
+// decides.
 // Thread-bound to the context's thread. Deterministic.
 class Orthographer {
  public:
@@ -53,7 +63,7 @@ class Orthographer {
   [[nodiscard]] static Result<std::unique_ptr<Orthographer>> create(gl::Context& context);
   ~Orthographer();
   [[nodiscard]] Result<Orthophoto> render(const OrthoSurface& surface, std::span<const OrthoView> views,
-                                          int size);
+                                          int size, Fallback fallback = Fallback::ImageCentre);
 
  private:
   struct Impl;

@@ -1,5 +1,6 @@
 #pragma once
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -22,9 +23,14 @@ struct SweepOptions {
   MatchCost cost = MatchCost::Zncc;
   int window_radius = 3;     // texels; support window of (2 r + 1)^2; larger: fewer errors, rounder edges
   int levels = 4;            // of the coarse-to-fine search, each twice as fine; 1: full range at the finest
+  int finest_level = 0;      // where the search ends, below `levels`: 0 on the grid's own texels; each more
+                             // takes a quarter of the time, and the heights are interpolated
   double plane_step = 0.8;   // distance of planes, in texels of parallax between two mean views
   int max_views = 12;        // at most kMaxViews
+  int max_planes = 256;      // on the coarsest grid; a taller range is searched in wider steps
+  bool better_half = false;  // of the views, by texel and plane, before the window (thesis 5.5.4)
   bool two_surfaces = true;  // at steps, search around the upper and the lower side of the coarse surface
+  bool occlusion = true;     // views that the coarser surface hides from a texel do not count there
   int widenings = 2;         // how often the band moves on where the best plane lies at its edge
   bool regularise = false;   // semi-global aggregation over the planes, for weakly textured ground
   double path_penalty_step = 0.08;  // regularised: cost of a height change by one plane, in score
@@ -33,6 +39,9 @@ struct SweepOptions {
   int median_radius = 2;            // texels; 0..2
   double smooth_planes = 1.0;  // edge-preserving smoothing: heights that differ by more planes do not mix
   int min_segment = 40;        // texels; smaller islands that jump from all around them are removed
+  // A height whose rival, elsewhere in the range, agrees at least this share as well is no data: the texture
+  // repeats. Natural ground stays below 0.6. 1 or more: not asked for.
+  double max_rival = 0.65;
   static constexpr int kMaxViews = 14;
 };
 
@@ -70,7 +79,8 @@ struct HeightField {
 
 // The space sweep (thesis, chapter 5), coarse to fine: on a grid 2^(levels-1) times coarser the whole height
 // range, then on each finer grid seven planes around the upsampled surface, so that the planes follow the
-// ground. GPU results are read back per level; filters run on the CPU.
+// ground. GPU results are read back per level; filters run on the CPU. No earlier result is taken for a
+// start: the whole range on the coarsest grid costs little, and so a cell depends on its views alone.
 // Thread-bound to the context's thread. Deterministic.
 class Sweeper {
  public:
@@ -81,6 +91,10 @@ class Sweeper {
   // without data and the reason. Errors: Unavailable when the context was lost.
   [[nodiscard]] Result<HeightField> run(const SweepGrid& grid, std::span<const SweepView> views,
                                         const SweepOptions& options);
+
+  // Called between the passes over a grid: others may use the context meanwhile. Answering false ends run()
+  // with Unavailable.
+  void onPause(std::function<bool()> pause);
 
   // The thesis' full sweep: all planes at the finest grid, costs Sad or Ssd, windows from mip levels 0..
   // `window_levels`-1 (5.11), all views or the better half (5.5.4). For comparison; no filter is applied.

@@ -1,17 +1,13 @@
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
-#include <map>
-#include <numeric>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
 #include <optional>
-#include <tuple>
 #include <utility>
 
-#include "render/gl/commands.h"
-#include "render/gl/framebuffer.h"
-#include "render/gl/program.h"
-#include "sweep_shaders.h"
+#include "tiling/sweep/detail/rivals.h"
+#include "tiling/sweep/detail/sweep_passes.h"
 #include "tiling/sweep/detail/view_geometry.h"
 #include "tiling/sweep/height_filter.h"
 #include "tiling/sweep/path_aggregation.h"
@@ -20,23 +16,30 @@
 namespace overfly::tiling {
 namespace {
 
-constexpr int kPlanes = 7;
-constexpr int kCentre = 3;
+using detail::Best;
+using detail::kCentre;
+using detail::kPlanes;
+using detail::Pass;
+
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-constexpr const char* kHalfFloatScale = "16.0";
+constexpr double kLeastBaseline = 0.01;  // of two views, in depths
 
-// What one pass gives per texel, see window_best.frag.
-struct Best {
-  float height, score, plane, strength;
-};
-
-// The textures of one grid size, kept from tile to tile.
-struct Planes {
-  gl::Texture base, a0, a1, b0, b1, best;
-  gl::Framebuffer into_a, into_b, into_best;
-};
-
-gl::Sampling nearest() { return {gl::Filter::Nearest, gl::Filter::Nearest}; }
+// Each texel of the next finer grid as the one of the coarse grid that it lies in.
+template <typename T>
+std::vector<T> repeatTexels(const std::vector<T>& coarse, int coarse_texels, int apron) {
+  const int coarse_side = coarse_texels + 2 * apron, side = 2 * coarse_texels + 2 * apron;
+  std::vector<T> fine(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
+  const auto coarseOf = [&](int i) {  // of the fine texel i, its apron counted
+    const int at = i - apron;
+    return (at >= 0 ? at / 2 : (at - 1) / 2) + apron;
+  };
+  for (int y = 0; y < side; ++y)
+    for (int x = 0; x < side; ++x)
+      fine[static_cast<std::size_t>(y) * static_cast<std::size_t>(side) + static_cast<std::size_t>(x)] =
+          coarse[static_cast<std::size_t>(coarseOf(y)) * static_cast<std::size_t>(coarse_side) +
+                 static_cast<std::size_t>(coarseOf(x))];
+  return fine;
+}
 
 std::optional<std::string> problemOf(std::span<const SweepView> views, const SweepGrid& grid,
                                      const geo::LocalFrame& local) {
@@ -54,200 +57,64 @@ std::optional<std::string> problemOf(std::span<const SweepView> views, const Swe
       widest = std::max(widest, (pose.position_in_ecef - other.pose.position_in_ecef).norm());
   }
   const double depth = local.enuFromEcef(views[0].pose.position_in_ecef).z() - grid.min_height_m;
-  if (widest < 1e-3 * depth) return "the views have no baseline";
+  // Below half a degree a tenth of a pixel is ten GSD of height: any height would be a guess.
+  if (widest < kLeastBaseline * depth) return "the views have no baseline";
   return std::nullopt;
 }
+
+// The mip level whose pixels are nearest to the grid's spacing: one for all views whose resolution on the
+// ground is about the same, so that they are equally sharp, another for those that differ by a level.
+std::vector<float> mipLevels(const ViewGeometry& geometry, double spacing_m) {
+  const double common = std::round(std::log2(spacing_m / geometry.gsd_m));
+  std::vector<float> lods;
+  for (const double gsd_m : geometry.view_gsd_m)
+    lods.push_back(static_cast<float>(std::max(0.0, common + std::round(std::log2(geometry.gsd_m / gsd_m)))));
+  return lods;
+}
+
+// The best over the whole range, and what comes next to it.
+struct RangeSearch {
+  std::vector<Best> best;
+  std::vector<float> rival_height, rival_share;
+};
 
 }  // namespace
 
 struct Sweeper::Impl {
-  using CostKey = std::tuple<int, int>;             // cost, views
-  using WindowKey = std::tuple<int, int>;           // radius, cost
-  using FullKey = std::tuple<int, int, int, bool>;  // cost, views, levels, better half
-  gl::Context* context = nullptr;
-  std::map<CostKey, gl::Program> cost_programs;
-  std::map<WindowKey, gl::Program> row_programs, best_programs, raw_programs;
-  std::map<FullKey, gl::Program> full_programs;
-  std::map<int, Planes> planes;
+  explicit Impl(gl::Context& context) : passes(context) {}
+  detail::SweepPasses passes;
 
-  Result<gl::Program*> costProgram(MatchCost cost, int views);
-  Result<gl::Program*> windowProgram(std::map<WindowKey, gl::Program>& programs, const gl::ShaderFile& file,
-                                     int radius, MatchCost cost, bool raw);
-  Result<Planes*> planesOf(int side);
-  struct Pass {
-    const SweepGrid* grid;
-    std::span<const SweepView> views;
-    const SweepOptions* options;
-    const ViewGeometry* geometry;
-    int level;
-    double plane_step_m;
-    double lod;
-  };
-  // Costs of seven planes around base + offset, summed over the window; `raw`: the sums, else the best.
-  Result<void> windowSums(const Pass& pass, Planes& planes, std::span<const float> base, double offset_m);
-  Result<std::vector<Best>> bestOf(const Pass& pass, std::span<const float> base, double offset_m);
-  Result<std::vector<Best>> sweepRange(const Pass& pass, HeightField& field);
+  Result<RangeSearch> sweepRange(const Pass& pass, HeightField& field);
+  Result<RangeSearch> sweepRangeRegularised(const Pass& pass, int runs, HeightField& field);
   Result<std::vector<Best>> sweepBand(const Pass& pass, std::span<const float> coarse, HeightField& field);
 };
 
 Sweeper::Sweeper(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Sweeper::~Sweeper() = default;
 
+void Sweeper::onPause(std::function<bool()> pause) { impl_->passes.onPause(std::move(pause)); }
+
 Result<std::unique_ptr<Sweeper>> Sweeper::create(gl::Context& context) {
-  auto impl = std::make_unique<Impl>();
-  impl->context = &context;
-  return std::unique_ptr<Sweeper>(new Sweeper(std::move(impl)));
-}
-
-Result<gl::Program*> Sweeper::Impl::costProgram(MatchCost cost, int views) {
-  const CostKey key{static_cast<int>(cost), views};
-  if (const auto found = cost_programs.find(key); found != cost_programs.end()) return &found->second;
-  const std::array files{gl::ShaderFile{"texel_rays.glsl", shaders::sweep::texel_rays_glsl},
-                         gl::ShaderFile{"plane_costs.frag", shaders::sweep::plane_costs_frag}};
-  const std::array defines{gl::Define{"VIEWS", std::to_string(views)},
-                           gl::Define{"COST", std::to_string(static_cast<int>(cost))},
-                           // A plane that fewer than two views see: worse than no agreement.
-                           gl::Define{"NO_VIEWS", cost == MatchCost::Zncc ? "-0.02" : "-1.0"},
-                           gl::Define{"HALF_FLOAT_SCALE", kHalfFloatScale}};
-  auto program = gl::Program::fullScreen(*context, files, defines);
-  if (!program) return tl::unexpected(program.error());
-  return &cost_programs.emplace(key, std::move(*program)).first->second;
-}
-
-Result<gl::Program*> Sweeper::Impl::windowProgram(std::map<WindowKey, gl::Program>& programs,
-                                                  const gl::ShaderFile& file, int radius, MatchCost cost,
-                                                  bool raw) {
-  const WindowKey key{radius, static_cast<int>(cost)};
-  if (const auto found = programs.find(key); found != programs.end()) return &found->second;
-  std::vector<gl::Define> defines{{"RADIUS", std::to_string(radius)},
-                                  {"COST", std::to_string(static_cast<int>(cost))},
-                                  {"HALF_FLOAT_SCALE", kHalfFloatScale}};
-  if (raw) defines.push_back({"RAW", "1"});
-  auto program = gl::Program::fullScreen(*context, std::span(&file, 1), defines);
-  if (!program) return tl::unexpected(program.error());
-  return &programs.emplace(key, std::move(*program)).first->second;
-}
-
-Result<Planes*> Sweeper::Impl::planesOf(int side) {
-  if (const auto found = planes.find(side); found != planes.end()) return &found->second;
-  Planes made;
-  const auto texture = [&](gl::Texture& into, gl::Format format) -> Result<void> {
-    auto created = gl::Texture::create(
-        *context, {.format = format, .width = side, .height = side, .sampling = nearest()});
-    if (!created) return tl::unexpected(created.error());
-    into = std::move(*created);
-    return {};
-  };
-  for (const auto& [into, format] :
-       {std::pair{&made.base, gl::Format::R32F}, std::pair{&made.a0, gl::Format::RGBA16F},
-        std::pair{&made.a1, gl::Format::RGBA16F}, std::pair{&made.b0, gl::Format::RGBA16F},
-        std::pair{&made.b1, gl::Format::RGBA16F}, std::pair{&made.best, gl::Format::RGBA32F}})
-    if (auto ok = texture(*into, format); !ok) return tl::unexpected(ok.error());
-  Planes& kept = planes.emplace(side, std::move(made)).first->second;
-  const auto target = [&](gl::Framebuffer& into,
-                          std::initializer_list<const gl::Texture*> textures) -> Result<void> {
-    std::vector<gl::Attachment> attachments;
-    for (const gl::Texture* t : textures) attachments.push_back({t, 0, 0});
-    auto created = gl::Framebuffer::create(*context, attachments);
-    if (!created) return tl::unexpected(created.error());
-    into = std::move(*created);
-    return {};
-  };
-  if (auto ok = target(kept.into_a, {&kept.a0, &kept.a1}); !ok) return tl::unexpected(ok.error());
-  if (auto ok = target(kept.into_b, {&kept.b0, &kept.b1}); !ok) return tl::unexpected(ok.error());
-  if (auto ok = target(kept.into_best, {&kept.best}); !ok) return tl::unexpected(ok.error());
-  return &kept;
-}
-
-Result<void> Sweeper::Impl::windowSums(const Pass& pass, Planes& p, std::span<const float> base,
-                                       double offset_m) {
-  auto cost = costProgram(pass.options->cost, static_cast<int>(pass.views.size()));
-  if (!cost) return tl::unexpected(cost.error());
-  auto rows = windowProgram(row_programs, {"window_rows.frag", shaders::sweep::window_rows_frag},
-                            pass.options->window_radius, pass.options->cost, false);
-  if (!rows) return tl::unexpected(rows.error());
-  p.base.upload(base);
-  setRays(**cost, *pass.geometry, pass.views, pass.grid->texels >> pass.level, pass.grid->apron);
-  (*cost)->setTexture("base_height", 0, p.base);
-  (*cost)->set("plane_step", static_cast<float>(pass.plane_step_m));
-  (*cost)->set("height_offset", static_cast<float>(offset_m));
-  (*cost)->set("lod", static_cast<float>(pass.lod));
-  gl::drawFullScreen(**cost, p.into_a);
-  (*rows)->setTexture("first_in", 0, p.a0);
-  (*rows)->setTexture("second_in", 1, p.a1);
-  gl::drawFullScreen(**rows, p.into_b);
-  return {};
-}
-
-Result<std::vector<Best>> Sweeper::Impl::bestOf(const Pass& pass, std::span<const float> base,
-                                                double offset_m) {
-  const int side = (pass.grid->texels >> pass.level) + 2 * pass.grid->apron;
-  auto p = planesOf(side);
-  if (!p) return tl::unexpected(p.error());
-  if (auto ok = windowSums(pass, **p, base, offset_m); !ok) return tl::unexpected(ok.error());
-  auto best = windowProgram(best_programs, {"window_best.frag", shaders::sweep::window_best_frag},
-                            pass.options->window_radius, pass.options->cost, false);
-  if (!best) return tl::unexpected(best.error());
-  (*best)->setTexture("first_in", 0, (*p)->b0);
-  (*best)->setTexture("second_in", 1, (*p)->b1);
-  (*best)->setTexture("base_height", 2, (*p)->base);
-  (*best)->set("plane_step", static_cast<float>(pass.plane_step_m));
-  (*best)->set("height_offset", static_cast<float>(offset_m));
-  gl::drawFullScreen(**best, (*p)->into_best);
-  std::vector<Best> result(base.size());
-  const std::span<float> floats(reinterpret_cast<float*>(result.data()), result.size() * 4);
-  if (auto ok = (*p)->best.download(floats); !ok) return tl::unexpected(ok.error());
-  return result;
+  return std::unique_ptr<Sweeper>(new Sweeper(std::make_unique<Impl>(context)));
 }
 
 // The whole range on the coarsest grid, seven planes at a time; runs overlap by two planes, so that every
 // plane has both neighbours for the parabola.
-Result<std::vector<Best>> Sweeper::Impl::sweepRange(const Pass& pass, HeightField& field) {
-  const int side = (pass.grid->texels >> pass.level) + 2 * pass.grid->apron;
-  const std::vector<float> flat(static_cast<std::size_t>(side) * static_cast<std::size_t>(side), 0.0f);
+Result<RangeSearch> Sweeper::Impl::sweepRange(const Pass& pass, HeightField& field) {
+  const std::vector<float> flat(pass.count(), 0.0f);
   const double range = pass.grid->max_height_m - pass.grid->min_height_m;
   const int planes_needed = static_cast<int>(std::ceil(range / pass.plane_step_m)) + 1;
   const int runs = std::max(1, (planes_needed - 2 + kPlanes - 3) / (kPlanes - 2));
-  if (pass.options->regularise) {
-    PlaneVolume volume(side, runs * (kPlanes - 2) + 2);
-    for (int run = 0; run < runs; ++run) {
-      auto p = planesOf(side);
-      if (!p) return tl::unexpected(p.error());
-      if (auto ok = windowSums(pass, **p, flat, pass.plane_step_m * (run * (kPlanes - 2) + kCentre)); !ok)
-        return tl::unexpected(ok.error());
-      auto raw = windowProgram(raw_programs, {"window_best.frag", shaders::sweep::window_best_frag},
-                               pass.options->window_radius, pass.options->cost, true);
-      if (!raw) return tl::unexpected(raw.error());
-      (*raw)->setTexture("first_in", 0, (*p)->b0);
-      (*raw)->setTexture("second_in", 1, (*p)->b1);
-      gl::drawFullScreen(**raw, (*p)->into_a);
-      std::vector<float> first(flat.size() * 4), second(flat.size() * 4);
-      if (auto ok = (*p)->a0.download(std::span<float>(first)); !ok) return tl::unexpected(ok.error());
-      if (auto ok = (*p)->a1.download(std::span<float>(second)); !ok) return tl::unexpected(ok.error());
-      for (std::size_t i = 0; i < flat.size(); ++i) {
-        const float normalise =
-            pass.options->cost == MatchCost::Zncc ? 1.0f / std::max(second[4 * i + 3], 1e-5f) : 1.0f;
-        for (int j = 0; j < kPlanes; ++j)
-          volume.at(i, run * (kPlanes - 2) + j) =
-              normalise * (j < 4 ? first[4 * i + static_cast<std::size_t>(j)]
-                                 : second[4 * i + static_cast<std::size_t>(j - 4)]);
-      }
-    }
-    field.samples += static_cast<std::uint64_t>(runs) * flat.size() * kPlanes * pass.views.size();
-    const std::vector<PlaneVolume::Choice> choice =
-        volume.aggregate(static_cast<float>(pass.options->path_penalty_step),
-                         static_cast<float>(pass.options->path_penalty_jump));
-    std::vector<Best> best(flat.size());
-    for (std::size_t i = 0; i < flat.size(); ++i)
-      best[i] = {static_cast<float>(pass.plane_step_m) * choice[i].plane, choice[i].score, kCentre, 1.0f};
-    return best;
-  }
+  if (pass.options->regularise) return sweepRangeRegularised(pass, runs, field);
+  const auto step = static_cast<float>(pass.plane_step_m);
   const auto interior = [](const Best& b) { return b.plane > 0.5f && b.plane < 5.5f; };
-  std::vector<Best> best;
+  RangeSearch search;
+  std::vector<Best>& best = search.best;
+  std::vector<float> rival(flat.size(), 0.0f);  // agreement
+  search.rival_height.assign(flat.size(), kNaN);
   for (int run = 0; run < runs; ++run) {
-    auto found = bestOf(pass, flat, pass.plane_step_m * (run * (kPlanes - 2) + kCentre));
-    if (!found) return found;
-    field.samples += flat.size() * kPlanes * pass.views.size();
+    auto found = passes.best(pass, flat, pass.plane_step_m * (run * (kPlanes - 2) + kCentre), field.samples);
+    if (!found) return tl::unexpected(found.error());
     if (best.empty()) {
       best = std::move(*found);
       continue;
@@ -255,14 +122,56 @@ Result<std::vector<Best>> Sweeper::Impl::sweepRange(const Pass& pass, HeightFiel
     for (std::size_t i = 0; i < best.size(); ++i) {
       // The agreement counts, not the score: each run divides by the strength at its own middle plane. Of two
       // runs that found the same plane, the one that has both its neighbours gives the parabola.
-      const Best &b = (*found)[i], &a = best[i];
-      const bool same = std::abs(b.height - a.height) < static_cast<float>(pass.plane_step_m);
-      const bool better = b.score * b.strength > a.score * a.strength;
-      if (same && interior(b) != interior(a) ? interior(b) : better) best[i] = b;
+      const Best &b = (*found)[i], a = best[i];
+      const float of_a = a.agreement(), of_b = b.agreement();
+      const bool same = std::abs(b.height - a.height) < step;
+      const bool takes = same && interior(b) != interior(a) ? interior(b) : of_b > of_a;
+      if (takes) best[i] = b;
+      const Best& other = takes ? a : b;
+      if (std::abs(b.height - a.height) > 2.5f * step && std::min(of_a, of_b) > rival[i] && interior(other)) {
+        rival[i] = std::min(of_a, of_b);
+        search.rival_height[i] = other.height;
+      }
     }
   }
+  search.rival_share.resize(best.size());
+  for (std::size_t i = 0; i < best.size(); ++i)
+    search.rival_share[i] = rival[i] / std::max(best[i].agreement(), 1e-6f);
   for (Best& b : best) b.plane = kCentre;
-  return best;
+  return search;
+}
+
+Result<RangeSearch> Sweeper::Impl::sweepRangeRegularised(const Pass& pass, int runs, HeightField& field) {
+  const std::vector<float> flat(pass.count(), 0.0f);
+  const int planes = runs * (kPlanes - 2) + 2;
+  PlaneVolume volume(pass.side(), planes);
+  for (int run = 0; run < runs; ++run) {
+    auto scores =
+        passes.scores(pass, flat, pass.plane_step_m * (run * (kPlanes - 2) + kCentre), field.samples);
+    if (!scores) return tl::unexpected(scores.error());
+    for (std::size_t i = 0; i < flat.size(); ++i)
+      for (int j = 0; j < kPlanes; ++j)
+        volume.at(i, run * (kPlanes - 2) + j) = (*scores)[i * kPlanes + static_cast<std::size_t>(j)];
+  }
+  const std::vector<PlaneVolume::Choice> choice =
+      volume.aggregate(static_cast<float>(pass.options->path_penalty_step),
+                       static_cast<float>(pass.options->path_penalty_jump));
+  RangeSearch search;
+  search.best.resize(flat.size());
+  search.rival_height.assign(flat.size(), kNaN);
+  search.rival_share.assign(flat.size(), 0.0f);
+  const auto step = static_cast<float>(pass.plane_step_m);
+  for (std::size_t i = 0; i < flat.size(); ++i) {
+    search.best[i] = {step * choice[i].plane, choice[i].score, kCentre, 1.0f};
+    for (int plane = 1; plane + 1 < planes; ++plane) {
+      if (std::abs(static_cast<float>(plane) - choice[i].plane) < 3) continue;
+      const float share = volume.at(i, plane) / std::max(choice[i].score, 1e-6f);
+      if (share <= search.rival_share[i]) continue;
+      search.rival_share[i] = share;
+      search.rival_height[i] = step * static_cast<float>(plane);
+    }
+  }
+  return search;
 }
 
 Result<std::vector<Best>> Sweeper::Impl::sweepBand(const Pass& pass, std::span<const float> coarse,
@@ -270,46 +179,50 @@ Result<std::vector<Best>> Sweeper::Impl::sweepBand(const Pass& pass, std::span<c
   const int coarse_texels = pass.grid->texels >> (pass.level + 1);
   const int apron = pass.grid->apron;
   const std::vector<float> base = upsampleHeights(coarse, coarse_texels, apron);
-  const auto count = [&] { field.samples += base.size() * kPlanes * pass.views.size(); };
-  auto best = bestOf(pass, base, 0);
+  auto best = passes.best(pass, base, 0, field.samples);
   if (!best) return best;
-  count();
-  const auto merge = [&](const std::vector<Best>& other, float margin, auto&& where) {
-    for (std::size_t i = 0; i < best->size(); ++i)
-      if (where(i) && other[i].score > (*best)[i].score + margin) (*best)[i] = other[i];
+  std::vector<std::uint8_t> mask(base.size());
+  const auto mark = [&](auto&& where) {
+    std::size_t marked = 0;
+    for (std::size_t i = 0; i < mask.size(); ++i) {
+      const bool wanted = where(i);
+      mask[i] = wanted ? 1 : 0;
+      marked += wanted ? 1 : 0;
+    }
+    return marked;
   };
-  const auto fewTexels = static_cast<long>(base.size() / 1000);
+  const auto merge = [&](const std::vector<Best>& other, float margin) {
+    for (std::size_t i = 0; i < best->size(); ++i)
+      if (mask[i] != 0 && other[i].agreement() > (*best)[i].agreement() + margin * (*best)[i].strength)
+        (*best)[i] = other[i];
+  };
+  const std::size_t few_texels = base.size() / 1000;
 
   if (pass.options->two_surfaces) {
     const HeightBounds bounds = upsampleBounds(coarse, coarse_texels, apron);
-    const auto isStep = [&](std::size_t i) {
+    const std::size_t steps = mark([&](std::size_t i) {
       return bounds.high[i] - bounds.low[i] > 4.0f * static_cast<float>(pass.plane_step_m);
-    };
-    long steps = 0;
-    for (std::size_t i = 0; i < base.size(); ++i) steps += isStep(i) ? 1 : 0;
-    if (steps > fewTexels)
+    });
+    const detail::Occluders occluders{coarse, coarse_texels};
+    if (steps > few_texels)
       for (const std::vector<float>* surface : {&bounds.low, &bounds.high}) {
-        auto other = bestOf(pass, *surface, 0);
+        auto other = passes.best(pass, *surface, 0, field.samples, mask,
+                                 pass.options->occlusion ? &occluders : nullptr);
         if (!other) return other;
-        count();
-        merge(*other, 0.02f, isStep);
+        merge(*other, 0.02f);
       }
   }
   for (int widening = 0; widening < pass.options->widenings; ++widening) {
-    const auto atEdge = [&](std::size_t i) {
+    const std::size_t edges = mark([&](std::size_t i) {
       const Best& b = (*best)[i];
       return (b.plane < 0.5f || b.plane > 5.5f) && b.score > 0;
-    };
-    long edges = 0;
-    for (std::size_t i = 0; i < base.size(); ++i) edges += atEdge(i) ? 1 : 0;
-    if (edges <= 10 * fewTexels) break;
+    });
+    if (edges <= 10 * few_texels) break;
     std::vector<float> moved(base.size());
     for (std::size_t i = 0; i < base.size(); ++i) moved[i] = (*best)[i].height;
-    const int side = (pass.grid->texels >> pass.level) + 2 * apron;
-    auto other = bestOf(pass, medianHeights(moved, side, 2), 0);
+    auto other = passes.best(pass, medianHeights(moved, pass.side(), 2), 0, field.samples, mask);
     if (!other) return other;
-    count();
-    merge(*other, 0.0f, atEdge);
+    merge(*other, 0.0f);
   }
   return best;
 }
@@ -334,29 +247,49 @@ Result<HeightField> Sweeper::run(const SweepGrid& grid, std::span<const SweepVie
 
   std::vector<float> height;
   std::vector<Best> best;
+  detail::Rivals rivals(options.max_rival);
+  // Two or three views agree by chance as well as a pattern does.
+  const bool asks_for_rivals = options.max_rival < 1 && views.size() >= 4;
   int levels = std::max(1, options.levels);
   while (levels > 1 && (grid.texels >> (levels - 1)) < 16) --levels;
-  for (int level = levels - 1; level >= 0; --level) {
+  const int finest = std::clamp(options.finest_level, 0, levels - 1);
+  for (int level = levels - 1; level >= finest; --level) {
     const double spacing = texel_m * (1 << level);
-    const Impl::Pass pass{&grid, views, &options, &geometry, level,
-                          options.plane_step * spacing * geometry.height_per_baseline,
-                          // The mip level whose pixels are nearest to the grid's spacing; a set's views
-                          // differ little in GSD.
-                          std::max(0.0, std::round(std::log2(spacing / geometry.gsd_m)))};
-    auto found = level == levels - 1 ? impl_->sweepRange(pass, field) : impl_->sweepBand(pass, height, field);
-    if (!found) return tl::unexpected(found.error());
-    best = std::move(*found);
+    double plane_step_m = options.plane_step * spacing * geometry.height_per_baseline;
+    if (level == levels - 1)
+      plane_step_m = std::max(plane_step_m,
+                              (grid.max_height_m - grid.min_height_m) / std::max(options.max_planes - 1, 1));
+    const Pass pass{&grid, views, &options, &geometry, level, plane_step_m, mipLevels(geometry, spacing)};
+    if (level == levels - 1) {
+      auto found = impl_->sweepRange(pass, field);
+      if (!found) return tl::unexpected(found.error());
+      best = std::move(found->best);
+      if (asks_for_rivals) rivals.begin(pass.side(), best, found->rival_height, found->rival_share);
+    } else {
+      auto found = impl_->sweepBand(pass, height, field);
+      if (!found) return tl::unexpected(found.error());
+      best = std::move(*found);
+      if (asks_for_rivals)
+        if (auto ok = rivals.refine(impl_->passes, pass, best, field.samples); !ok)
+          return tl::unexpected(ok.error());
+    }
     std::vector<float> score(best.size());
     height.resize(best.size());
     for (std::size_t i = 0; i < best.size(); ++i) {
       height[i] = best[i].height;
       score[i] = best[i].score;
     }
-    const int side = (grid.texels >> level) + 2 * grid.apron;
-    height = medianHeights(height, side, options.median_radius);
+    height = medianHeights(height, pass.side(), options.median_radius);
     if (options.smooth_planes > 0)
-      height = smoothHeights(height, score, side, options.smooth_planes * pass.plane_step_m);
+      height = smoothHeights(height, score, pass.side(), options.smooth_planes * pass.plane_step_m);
     field.plane_step_m = pass.plane_step_m;
+  }
+  std::vector<std::uint8_t> repeats;
+  if (asks_for_rivals) repeats = rivals.texels();
+  for (int level = finest; level > 0; --level) {
+    height = upsampleHeights(height, grid.texels >> level, grid.apron);
+    best = repeatTexels(best, grid.texels >> level, grid.apron);
+    if (!repeats.empty()) repeats = repeatTexels(repeats, grid.texels >> level, grid.apron);
   }
 
   field.height = std::move(height);
@@ -368,6 +301,8 @@ Result<HeightField> Sweeper::run(const SweepGrid& grid, std::span<const SweepVie
     const bool good = score >= static_cast<float>(options.min_score);
     field.height[i] = good ? field.height[i] + static_cast<float>(geometry.reference_height_m) : kNaN;
   }
+  for (std::size_t i = 0; i < repeats.size(); ++i)
+    if (repeats[i] != 0) field.height[i] = kNaN;
   removeIslands(field.height, field.side(), 2.5 * field.plane_step_m, options.min_segment);
   for (std::size_t i = 0; i < count; ++i)
     field.confidence[i] = std::isnan(field.height[i])
@@ -391,34 +326,12 @@ Result<HeightField> Sweeper::runFull(const SweepGrid& grid, std::span<const Swee
     return field;
   }
   const ViewGeometry geometry = viewGeometry(views, *grid.frame, grid.ground_height_m, grid.min_height_m);
-  const Impl::FullKey key{static_cast<int>(options.cost), static_cast<int>(views.size()),
-                          options.window_levels, options.better_half};
-  auto found = impl_->full_programs.find(key);
-  if (found == impl_->full_programs.end()) {
-    const std::array files{gl::ShaderFile{"texel_rays.glsl", shaders::sweep::texel_rays_glsl},
-                           gl::ShaderFile{"full_sweep.frag", shaders::sweep::full_sweep_frag}};
-    std::vector<gl::Define> defines{{"VIEWS", std::to_string(views.size())},
-                                    {"COST", std::to_string(static_cast<int>(options.cost))},
-                                    {"LEVELS", std::to_string(options.window_levels)}};
-    if (options.better_half) defines.push_back({"BETTER_HALF", "1"});
-    auto program = gl::Program::fullScreen(*impl_->context, files, defines);
-    if (!program) return tl::unexpected(program.error());
-    found = impl_->full_programs.emplace(key, std::move(*program)).first;
-  }
-  auto planes = impl_->planesOf(field.side());
-  if (!planes) return tl::unexpected(planes.error());
   const int plane_count =
       static_cast<int>(std::ceil((grid.max_height_m - grid.min_height_m) / options.plane_step_m)) +
       1;  // (5.4)
-  gl::Program& program = found->second;
-  setRays(program, geometry, views, grid.texels, grid.apron);
-  program.set("lowest_plane", 0.0f);
-  program.set("plane_step", static_cast<float>(options.plane_step_m));
-  program.set("planes", plane_count);
-  program.set("first_lod", 0.0f);
-  gl::drawFullScreen(program, (*planes)->into_best);
-  std::vector<float> best(count * 4);
-  if (auto ok = (*planes)->best.download(std::span<float>(best)); !ok) return tl::unexpected(ok.error());
+  auto made = impl_->passes.full(grid, views, geometry, options, plane_count);
+  if (!made) return tl::unexpected(made.error());
+  const std::vector<float>& best = *made;
   for (std::size_t i = 0; i < count; ++i) {
     if (best[4 * i + 2] < 2) continue;
     field.height[i] = best[4 * i] + static_cast<float>(geometry.reference_height_m);

@@ -29,6 +29,7 @@ class TileCodecTest : public StoreTest {
       tile.kind[i] = random() % 10 == 0 ? kFilled : kMeasured;
       tile.source[i] = static_cast<std::uint16_t>(random() % 3);
       tile.gsd[i] = gsdCode(0.05);
+      tile.angle[i] = angleCode(0.01 * static_cast<double>(random() % 100));
     }
     return tile;
   }
@@ -136,6 +137,7 @@ TEST_F(TileCodecTest, CoarseConfidenceKeepsNoneApartFromLittle) {
   EXPECT_EQ(back.confidence[255], 255);
   EXPECT_EQ(back.source, tile.source);
   EXPECT_EQ(back.gsd, tile.gsd);
+  EXPECT_EQ(back.angle, tile.angle);
 }
 
 TEST_F(TileCodecTest, AMisshapenTileIsRefused) {

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <random>
 
 #include "tests/unit/gl/gl_fixture.h"
@@ -152,13 +153,20 @@ TEST_F(BadInput, NoiseGivesFewHeightsAndHardlyOneThatIsCertain) {
   EXPECT_LT(static_cast<double>(certain), 0.005 * static_cast<double>(field.confidence.size()));
 }
 
-// Defined, no more: a pattern that repeats within the search range matches itself and passes for ground.
-TEST_F(BadInput, CheckerboardsGiveADefinedField) {
-  for (const int cell : {1, 4, 16}) {
+// A pattern that repeats within the search range matches itself at several heights: none of them is claimed.
+// Up to a few pixels; where the pattern is coarser it is docs/hard-cases.md's texture/repeated that is not
+// held.
+TEST_F(BadInput, FineCheckerboardsOfTheImagesGiveHardlyAHeight) {
+  for (const int cell : {1, 4}) {
     const test::GpuPhotos gpu(
         context(), madeUp([&](int, int x, int y) { return ((x / cell + y / cell) & 1) != 0 ? 230 : 20; }));
     const HeightField field = sweep(gpu.sweepViews());
     RecordProperty("share_with_height_" + std::to_string(cell), std::to_string(shareOf(field)));
+    std::printf("checkerboard of %d px in the image: %.4f with a height\n", cell, shareOf(field));
+    const auto certain = std::count_if(field.confidence.begin(), field.confidence.end(),
+                                       [](std::uint8_t confidence) { return confidence >= 192; });
+    EXPECT_LT(static_cast<double>(certain), 0.01 * static_cast<double>(field.confidence.size())) << cell;
+    EXPECT_LT(shareOf(field), 0.03) << cell;
     for (const float h : field.height) {
       if (std::isnan(h)) continue;
       ASSERT_GT(h, kGround - 40);

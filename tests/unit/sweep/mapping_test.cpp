@@ -8,10 +8,12 @@
 
 #include "tests/unit/sweep/analytic_scene.h"
 #include "tiling/accuracy/accuracy.h"
+#include "tiling/accuracy/border_steps.h"
 #include "tiling/mapping/exposure_balance.h"
 #include "tiling/mapping/ground_estimate.h"
 #include "tiling/mapping/guess_surface.h"
 #include "tiling/mapping/height_mosaic.h"
+#include "tiling/mapping/mapper.h"
 
 namespace overfly::tiling {
 namespace {
@@ -151,6 +153,32 @@ TEST(StatisticsOf, NmadOfANormalDistributionIsItsDeviation) {
   EXPECT_NEAR(s.rmse, std::sqrt(4 + 0.49), 0.06);
 }
 
+TEST(BorderSteps, TellsASeamFromTheGroundsOwnSteps) {
+  constexpr int kSize = 16;
+  const auto map = [&](float seam_m) {
+    std::map<geo::TileKey, Tile> tiles;
+    for (std::int64_t x = 0; x < 4; ++x) {
+      Tile tile = Tile::blank({20, x, 0}, kSize);
+      for (int j = 0; j < kSize; ++j)
+        for (int i = 0; i < kSize; ++i) {
+          const auto at = static_cast<std::size_t>(j * kSize + i);
+          tile.elevation[at] = 0.01f * static_cast<float>(x * kSize + i + j) + (x >= 2 ? seam_m : 0.0f);
+          tile.kind[at] = kMeasured;
+        }
+      tiles.emplace(tile.key, tile);
+    }
+    return tiles;
+  };
+  EXPECT_NEAR(borderSteps(map(0)).ratio(), 1, 1e-3);
+  const BorderSteps cells = borderSteps(map(0.05f), 2);  // the seam alone is a border of cells
+  EXPECT_EQ(cells.borders, static_cast<std::size_t>(kSize));
+  EXPECT_NEAR(cells.ratio(), 6, 0.01);
+  // What is not measured does not count.
+  std::map<geo::TileKey, Tile> tiles = map(0.05f);
+  std::fill(tiles.begin()->second.kind.begin(), tiles.begin()->second.kind.end(), kFilled);
+  EXPECT_EQ(borderSteps(tiles).borders, static_cast<std::size_t>(2 * kSize));
+}
+
 class HeightAt : public ::testing::Test {
  protected:
   static constexpr int kSize = 16, kZoom = 22;
@@ -264,6 +292,33 @@ TEST(EstimateGround, FindsThePlaneBelowTheFrames) {
   EXPECT_NEAR(ground->camera_above_m, test::kFlight, 0.6);
   EXPECT_GT(ground->correlation, 0.95);
   EXPECT_EQ(ground->pairs, 5);
+}
+
+TEST(SettleGround, SearchRangeIsTheSettingsWhereTheySayOne) {
+  std::vector<Thumbnail> frames;
+  std::vector<capture::CameraModel> cameras;
+  for (const test::Photo& photo : strip(coarseGround(), 4)) {
+    frames.push_back(thumbnailOf(frames.size(), photo));
+    cameras.push_back(photo.camera);
+  }
+  const geo::TileLattice lattice = geo::TileLattice::webMercator();
+  const auto by_flight = Mapper::settleGround(frames, cameras, lattice);
+  ASSERT_TRUE(by_flight.has_value()) << by_flight.error().message;
+  EXPECT_LT(by_flight->min_height_m, by_flight->height_m - 10);
+  EXPECT_GT(by_flight->max_height_m, by_flight->height_m + 30);
+  GroundOptions options;
+  options.search_above_m = 5;
+  options.search_below_m = 3;
+  const auto told = Mapper::settleGround(frames, cameras, lattice, options);
+  ASSERT_TRUE(told.has_value());
+  EXPECT_EQ(told->min_height_m, std::floor(told->height_m - 3));
+  EXPECT_EQ(told->max_height_m, std::ceil(told->height_m + 5));
+  // Never up to the cameras.
+  options = {};
+  options.search_above_m = 500;
+  const auto tall = Mapper::settleGround(frames, cameras, lattice, options);
+  ASSERT_TRUE(tall.has_value());
+  EXPECT_LT(tall->max_height_m, test::kGround + test::kFlight);
 }
 
 TEST(EstimateGround, SaysSoWhenThereIsNothingToCompare) {

@@ -44,9 +44,11 @@ ViewGeometry viewGeometry(std::span<const SweepView> views, const geo::TileFrame
   for (std::size_t i = 0; i < centres.size(); ++i)
     for (std::size_t j = 0; j < i; ++j, ++pairs) baseline += (centres[i] - centres[j]).head<2>().norm();
   baseline /= std::max(pairs, 1);
-  std::vector<double> gsd;
-  for (std::size_t k = 0; k < views.size(); ++k)
-    gsd.push_back(std::max(centres[k].z() - ground_height_m, 0.1) / views[k].camera.fx);
+  for (std::size_t k = 0; k < views.size(); ++k) {
+    geometry.view_gsd_m.push_back(std::max(centres[k].z() - ground_height_m, 0.1) / views[k].camera.fx);
+    geometry.camera.push_back(centres[k].cast<float>());
+  }
+  std::vector<double> gsd = geometry.view_gsd_m;
   std::nth_element(gsd.begin(), gsd.begin() + static_cast<std::ptrdiff_t>(gsd.size() / 2), gsd.end());
   geometry.gsd_m = gsd[gsd.size() / 2];
   const double depth = std::max(mean_height - ground_height_m, 0.1);
@@ -54,14 +56,18 @@ ViewGeometry viewGeometry(std::span<const SweepView> views, const geo::TileFrame
   return geometry;
 }
 
-void setRays(gl::Program& program, const ViewGeometry& geometry, std::span<const SweepView> views, int texels,
-             int apron) {
+void setGrid(gl::Program& program, const ViewGeometry& geometry, int texels, int apron) {
   const float step = 2.0f / static_cast<float>(texels);
   const float origin = -1.0f - static_cast<float>(apron) * step;
   program.set("grid_origin", Eigen::Vector2f(origin, origin));
   program.set("grid_step", step);
   program.set("ground", std::span<const Eigen::Vector3f>(geometry.ground));
   program.set("up", std::span<const Eigen::Vector3f>(geometry.up));
+}
+
+void setRays(gl::Program& program, const ViewGeometry& geometry, std::span<const SweepView> views, int texels,
+             int apron) {
+  setGrid(program, geometry, texels, apron);
   program.set("view_matrix", std::span<const Eigen::Vector4f>(geometry.matrix));
   for (std::size_t k = 0; k < views.size(); ++k)
     if (views[k].match != nullptr)

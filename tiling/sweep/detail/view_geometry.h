@@ -15,6 +15,8 @@ struct ViewGeometry {
   double reference_height_m = 0;           // heights on the GPU count from here
   double height_per_baseline = 1;          // mean camera height over mean distance of two cameras
   double gsd_m = 0;                        // median over the views, on the ground below them
+  std::vector<double> view_gsd_m;          // of each view
+  std::vector<Eigen::Vector3f> camera;     // of each view, in tile ENU
   std::vector<Eigen::Vector4f> matrix;     // 3 rows a view: texture coordinates (homogeneous) from tile ENU
   std::array<Eigen::Vector3f, 10> ground;  // TileFrame's polynomials, to degree 3 and at the reference height
   std::array<Eigen::Vector3f, 6> up;       // and 2: below 0.1 mm from the whole at zoom 14 and finer
@@ -23,6 +25,8 @@ struct ViewGeometry {
 [[nodiscard]] ViewGeometry viewGeometry(std::span<const SweepView> views, const geo::TileFrame& frame,
                                         double ground_height_m, double reference_height_m);
 
+// Sets where a grid of texels x texels over the cell lies, with `apron` more of its texels on every side.
+void setGrid(gl::Program& program, const ViewGeometry& geometry, int texels, int apron);
 // Sets the rays of a grid of texels x texels over the cell, with `apron` more of its texels on every side.
 // Views without a match image need a texture set by the caller.
 void setRays(gl::Program& program, const ViewGeometry& geometry, std::span<const SweepView> views, int texels,

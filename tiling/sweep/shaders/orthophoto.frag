@@ -1,5 +1,12 @@
 // True orthophoto of a block of texels: each texel's point on the surface is looked for in the views that see
 // it, and coloured by the one that looks most steeply, with a soft change-over where two are nearly as good.
+// On a surface that is only a guess views do not meet: `fallback` says what is made of several (thesis 5.4,
+// figure 5.6).
+#define IMAGE_CENTRE 0  // the one that sees the point nearest to its image's centre
+#define BLEND 1         // all, less towards the border of an image
+#define AVERAGE 2       // all alike
+#define OVERWRITE 3     // the last
+#define LOWEST_COST 4   // the one that differs least from the others
 uniform sampler2D views[VIEWS];
 uniform sampler2D surface;     // heights above the reference, finer than or as fine as the sweep's grid, with apron
 uniform sampler2D provisional;  // 1 where the surface is only a guess
@@ -11,6 +18,7 @@ uniform float worth[VIEWS];       // of the frame as a whole: sharpness, exposur
 uniform float focal[VIEWS];       // pixels
 uniform float highest;            // of the surface
 uniform float march_step;         // metres
+uniform int fallback;
 layout(location = 0) out vec4 color_out;
 layout(location = 1) out vec4 source_out;  // source + 1, views that see the texel, flags (1: provisional), -
 layout(location = 2) out vec4 detail_out;  // GSD in metres of the source, its tilt in radians, -, -
@@ -18,6 +26,7 @@ layout(location = 2) out vec4 detail_out;  // GSD in metres of the source, its t
 float score[VIEWS];
 vec2 where[VIEWS];
 float seen_by;
+vec3 tint[VIEWS];
 
 // Marches from the point towards the camera until above everything.
 bool isHidden(vec2 at, float z, vec3 point, vec3 eye) {
@@ -36,6 +45,15 @@ bool isHidden(vec2 at, float z, vec3 point, vec3 eye) {
     if (ground_z > z + up + 0.35 * march_step + 0.05 * up) return true;
   }
   return false;
+}
+
+// How much a view is worth on a guessed surface.
+float rankOnGuess(int k, float edge, vec2 from_centre) {
+  float rim = min(1.0, edge * 20.0);
+  if (fallback == BLEND) return worth[k] * edge;
+  if (fallback == AVERAGE) return worth[k];
+  if (fallback == OVERWRITE) return float(k + 1);
+  return worth[k] * rim / (0.03 + dot(from_centre, from_centre));
 }
 
 void main() {
@@ -57,12 +75,19 @@ void main() {
     float edge = min(inside.x, inside.y); \
     score[k] = 0.0; \
     if (p.z > 0.0 && edge > 0.0 && textureLod(views[k], where[k], 0.0).a > 0.99) { \
-      vec3 ray = camera[k] - point; \
-      float tangent2 = dot(ray.xy, ray.xy) / max(ray.z * ray.z, 1e-6); \
-      float rank = worth[k] * min(1.0, edge * 20.0) / (0.03 + tangent2); \
-      bool hidden = !guess && isHidden(at, z, point, camera[k]); \
-      if (!hidden) seen_by += 1.0; \
-      score[k] = hidden ? rank * 1e-3 : rank; \
+      if (guess) { \
+        seen_by += 1.0; \
+        vec2 from_centre = (where[k] - 0.5) * vec2(textureSize(views[k], 0)) / focal[k]; \
+        score[k] = rankOnGuess(k, edge, from_centre); \
+        if (fallback == LOWEST_COST) tint[k] = gain[k] * textureLod(views[k], where[k], 0.0).rgb; \
+      } else { \
+        vec3 ray = camera[k] - point; \
+        float tangent2 = dot(ray.xy, ray.xy) / max(ray.z * ray.z, 1e-6); \
+        float rank = worth[k] * min(1.0, edge * 20.0) / (0.03 + tangent2); \
+        bool hidden = isHidden(at, z, point, camera[k]); \
+        if (!hidden) seen_by += 1.0; \
+        score[k] = hidden ? rank * 1e-3 : rank; \
+      } \
       if (score[k] > best) { best = score[k]; source = k; } \
     } \
   }
@@ -108,10 +133,23 @@ void main() {
 #if VIEWS > 13
   LOOK(13)
 #endif
+  if (guess && fallback == LOWEST_COST && source >= 0) {
+    float lowest = 1e9;
+    for (int i = 0; i < VIEWS; ++i) {
+      if (score[i] <= 0.0) continue;
+      float cost = 0.0;
+      for (int j = 0; j < VIEWS; ++j)
+        if (score[j] > 0.0) cost += dot(abs(tint[i] - tint[j]), vec3(1.0));
+      if (cost < lowest) { lowest = cost; source = i; }
+    }
+  }
+  bool all_count = guess && (fallback == BLEND || fallback == AVERAGE);
+  bool one_counts = guess && (fallback == OVERWRITE || fallback == LOWEST_COST);
   vec3 color = vec3(0.0);
   float total = 0.0;
 #define MIX(k) { \
-    float share = smoothstep(BLEND_FROM, 1.0, score[k] / best); \
+    float share = all_count ? score[k] : one_counts ? float(k == source) : \
+                  smoothstep(BLEND_FROM, 1.0, score[k] / best); \
     if (share > 0.0) { color += share * gain[k] * textureLod(views[k], where[k], 0.0).rgb; total += share; } \
   }
   if (source >= 0) {

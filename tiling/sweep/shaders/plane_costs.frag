@@ -5,11 +5,21 @@
 //         image instead of per window); 1: minus mean absolute difference over pairs (5.6);
 //      2: minus mean squared difference over pairs (5.1); 3: census, minus mean Hamming distance over pairs.
 // Pair sums come from sums over views: sum_{i != j} v_i v_j = S^2 - Q.
+// BETTER_HALF: of the views that see the texel only the half that agrees best with all others counts (5.5.4).
+// OCCLUDERS: hidden_views names, as bits of a whole number, the views that do not count at a texel.
+// SKIP_BELOW: texels whose base height lies below it are left out.
 uniform sampler2D views[VIEWS];
 uniform sampler2D base_height;
 uniform float plane_step;
 uniform float height_offset;
-uniform float lod;
+uniform float lod[VIEWS];
+#ifdef OCCLUDERS
+uniform sampler2D hidden_views;
+int hidden;
+#define NOT_HIDDEN(k) && (hidden & (1 << k)) == 0
+#else
+#define NOT_HIDDEN(k)
+#endif
 layout(location = 0) out vec4 first;
 layout(location = 1) out vec4 second;
 
@@ -30,8 +40,8 @@ float planeAgreement(float z) {
 #define SAMPLE(k) { \
     vec3 p = ray_origin[k] + z * ray_slope[k]; \
     vec2 uv = p.xy / p.z; \
-    float v = textureLod(views[k], uv, lod).r; \
-    bool valid = p.z > 0.0 && all(lessThan(abs(uv - 0.5), vec2(0.5))) && v > 0.002; \
+    float v = textureLod(views[k], uv, lod[k]).r; \
+    bool valid = p.z > 0.0 && all(lessThan(abs(uv - 0.5), vec2(0.5))) && v > 0.002 NOT_HIDDEN(k); \
     seen[k] = valid ? 1.0 : 0.0; \
     v = (v - 0.50196) * seen[k]; \
     value[k] = v; \
@@ -43,7 +53,7 @@ float planeAgreement(float z) {
 #if COST == 3
 #define NEIGHBOUR(k, dx, dy, bit) { \
     vec3 n = p + dx * texel_dx[k] + dy * texel_dy[k]; \
-    bits += textureLod(views[k], n.xy / n.z, lod).r - 0.50196 > v ? bit : 0; \
+    bits += textureLod(views[k], n.xy / n.z, lod[k]).r - 0.50196 > v ? bit : 0; \
   }
 #define CENSUS(k) int bits = 0; \
   NEIGHBOUR(k, -1.0, -1.0, 1) NEIGHBOUR(k, 0.0, -1.0, 2) NEIGHBOUR(k, 1.0, -1.0, 4) NEIGHBOUR(k, -1.0, 0.0, 8) \
@@ -96,7 +106,43 @@ float planeAgreement(float z) {
 #endif
   if (count < 2.0) return NO_VIEWS;
   float pairs = count * (count - 1.0);
+#ifdef BETTER_HALF
+  strength = squares / count;
+  // Of each view: its agreement with all others, summed.
+  float with_others[VIEWS];
+  for (int k = 0; k < VIEWS; ++k) {
 #if COST == 0
+    with_others[k] = value[k] * (sum - value[k]);
+#elif COST == 2
+    with_others[k] = -(count * value[k] * value[k] - 2.0 * value[k] * sum + squares);
+#else
+    with_others[k] = 0.0;
+#endif
+  }
+#if COST == 1 || COST == 3
+  for (int i = 1; i < VIEWS; ++i)
+    for (int j = 0; j < i; ++j) {
+#if COST == 1
+      float d = seen[i] * seen[j] * abs(value[i] - value[j]);
+#else
+      float d = seen[i] * seen[j] * float(bitCount(code[i] ^ code[j])) / 8.0;
+#endif
+      with_others[i] -= d;
+      with_others[j] -= d;
+    }
+#endif
+  for (int k = 0; k < VIEWS; ++k) with_others[k] = seen[k] > 0.0 ? with_others[k] : -1e9;
+  int kept = int(count) / 2;
+  float total = 0.0;
+  for (int chosen = 0; chosen < kept; ++chosen) {
+    int best = 0;
+    for (int k = 1; k < VIEWS; ++k)
+      if (with_others[k] > with_others[best]) best = k;
+    total += with_others[best];
+    with_others[best] = -2e9;
+  }
+  return total / (float(kept) * (count - 1.0));
+#elif COST == 0
   strength = squares / count;
   return (sum * sum - squares) / pairs;
 #elif COST == 2
@@ -116,8 +162,7 @@ float planeAgreement(float z) {
 #endif
 }
 
-void main() {
-  ivec2 texel = ivec2(gl_FragCoord.xy);
+void costsOf(ivec2 texel, float z) {
   castRays(gl_FragCoord.xy);
 #if COST == 3
   for (int k = 0; k < VIEWS; ++k)
@@ -126,7 +171,9 @@ void main() {
       texel_dy[k][row] = dot(view_matrix[3 * k + row].xyz, ground[2]) * grid_step;
     }
 #endif
-  float z = texelFetch(base_height, texel, 0).r + height_offset;
+#ifdef OCCLUDERS
+  hidden = int(texelFetch(hidden_views, texel, 0).r);
+#endif
   strength = 0.0;
   first.w = planeAgreement(z);
   float texture_strength = strength;
@@ -136,4 +183,17 @@ void main() {
                 planeAgreement(z + 3.0 * plane_step), texture_strength);
   first *= HALF_FLOAT_SCALE;
   second *= HALF_FLOAT_SCALE;
+}
+
+void main() {
+  ivec2 texel = ivec2(gl_FragCoord.xy);
+  float base = texelFetch(base_height, texel, 0).r;
+#ifdef SKIP_BELOW
+  // A loop, because a software rasteriser runs both sides of an `if` for all pixels that it works on at once
+  // but leaves a loop that none of them enters.
+  first = second = vec4(0.0);
+  for (int run = base > SKIP_BELOW ? 0 : 1; run < 1; ++run) costsOf(texel, base + height_offset);
+#else
+  costsOf(texel, base + height_offset);
+#endif
 }
