@@ -74,6 +74,12 @@ Result<std::vector<AdjustedPose>> Adjuster::addFrame(FrameId id, const GreyImage
   return updates;
 }
 
+std::optional<AdjustedPose> Adjuster::reportEarly(FrameId id) {
+  const auto update = map_.reportEarly(id);
+  if (!update) return std::nullopt;
+  return inEcef({*update}).front();
+}
+
 std::vector<AdjustedPose> Adjuster::finish() { return inEcef(map_.finish()); }
 
 std::vector<AdjustedPose> Adjuster::adjustAll() { return inEcef(map_.adjustAll(*matcher_)); }
@@ -89,6 +95,7 @@ std::vector<AdjustedPose> Adjuster::inEcef(const std::vector<FrameUpdate>& updat
     a.revision = u.revision;
     a.observations = u.observations;
     a.rms_px = u.rms_px;
+    a.camera = u.camera;
     const auto time = times_.find(u.id);
     if (time != times_.end()) a.pose.time_ns = time->second;
     a.pose.position_in_ecef = local_->ecefFromEnu(u.position);

@@ -30,8 +30,9 @@ struct AdjustedPose {
   capture::Pose pose;   // with covariance; adjusted, or the telemetry's where the state says so
   double shift_px = 0;  // on the ground, against what was reported before (first: the telemetry)
   int revision = 0;
-  int observations = 0;  // image measurements that hold it
-  double rms_px = 0;     // root mean square length of its re-projection residuals
+  int observations = 0;         // image measurements that hold it
+  double rms_px = 0;            // root mean square length of its re-projection residuals
+  capture::CameraModel camera;  // the lens as it was calibrated together with this pose
 };
 
 // Pose adjustment of one camera's frames while they arrive: features, matches with the frames that overlap,
@@ -49,6 +50,8 @@ class Adjuster {
   // image of another size, a pose that is not finite, a covariance that is not positive, a known id.
   [[nodiscard]] Result<std::vector<AdjustedPose>> addFrame(FrameId id, const GreyImage& image,
                                                            const capture::Pose& prior);
+  // A frame before its window has closed, see PoseMap::reportEarly(); nullopt: unknown, or reported before.
+  [[nodiscard]] std::optional<AdjustedPose> reportEarly(FrameId id);
   // Everything still open, when no frame will follow.
   [[nodiscard]] std::vector<AdjustedPose> finish();
   // One adjustment over all frames (after landing); every frame is reported. Needs retained_frames to be at

@@ -58,6 +58,17 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
+class BreakOff : public ceres::IterationCallback {
+ public:
+  explicit BreakOff(std::stop_token stop) : stop_(std::move(stop)) {}
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary&) override {
+    return stop_.stop_requested() ? ceres::SOLVER_ABORT : ceres::SOLVER_CONTINUE;
+  }
+
+ private:
+  std::stop_token stop_;
+};
+
 // Inverse of the normal equations after the points are eliminated (Schur complement), for the parameter
 // blocks in `kept`, whose tangent sizes sum to the result's size. Points that the rest does not determine
 // get a vanishing weight instead of an infinite variance.
@@ -240,6 +251,16 @@ SolveReport solve(Bundle& bundle, const SolveOptions& options) {
     column += 6;
     kept.push_back(position);
     kept.push_back(rotation);
+    if (frame.hold) {
+      problem.AddResidualBlock(
+          new ceres::AutoDiffCostFunction<detail::HeldPosition, 3, 3>(
+              new detail::HeldPosition{frame.position, sqrtInformation(frame.hold->position_covariance)}),
+          nullptr, position);
+      problem.AddResidualBlock(
+          new ceres::AutoDiffCostFunction<detail::HeldAttitude, 3, 4>(new detail::HeldAttitude{
+              frame.enu_from_camera, sqrtInformation(frame.hold->attitude_covariance)}),
+          nullptr, rotation);
+    }
     if (frame.has_position_prior)
       problem.AddResidualBlock(
           new ceres::AutoDiffCostFunction<detail::PositionPrior, 3, 3, 4, 3, 3, 1>(new detail::PositionPrior{
@@ -285,6 +306,8 @@ SolveReport solve(Bundle& bundle, const SolveOptions& options) {
   solver.num_threads = options.threads;
   solver.function_tolerance = 1e-5;
   solver.logging_type = ceres::SILENT;
+  BreakOff break_off(options.stop);
+  solver.callbacks.push_back(&break_off);
   ceres::Solver::Summary summary;
   ceres::Solve(solver, &problem, &summary);
   report.usable = summary.IsSolutionUsable();

@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <optional>
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -28,6 +29,12 @@ struct BundleFrame {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  // camera centre, ENU, metres
   Eigen::Quaterniond enu_from_camera = Eigen::Quaterniond::Identity();
   bool fixed = false;  // held constant (an older frame whose window has closed)
+  // Held to where it is, but not constant: an older frame by its own uncertainty.
+  struct Hold {
+    Eigen::Matrix3d position_covariance = Eigen::Matrix3d::Identity();  // m^2
+    Eigen::Matrix3d attitude_covariance = Eigen::Matrix3d::Identity();  // rad^2, ENU side
+  };
+  std::optional<Hold> hold;
 
   // Telemetry of the frame. It is late by `SharedParameters::delay_s`: it is compared with where the track
   // was that long before, which is the frame's own pose moved by `displacement` and `turn` (at the delay that
@@ -93,6 +100,7 @@ struct SolveOptions {
   double prior_loss = 3.0;  // the same for positions and attitudes, in their sigmas
   int max_iterations = 30;
   int threads = 1;
+  std::stop_token stop;     // breaks off between iterations; the report is then not usable
   bool free_shared = true;  // false: lens, boresight, lever arm, offset and delay stay
   bool covariance = false;  // fill SolveReport's covariances (costs about as much as a solve)
 };

@@ -8,18 +8,6 @@
 #include "tiling/adjust/telemetry_prior.h"
 
 namespace overfly::tiling::adjust {
-namespace {
-
-// A covariance that a file left at zero says nothing: then the claims of a single receiver and a gimbal.
-void fillCovariance(capture::Pose& pose) {
-  constexpr double kPosition = 3.0, kTilt = 0.035, kHeading = 0.087;
-  for (int i = 0; i < 6; ++i)
-    if (!(pose.covariance(i, i) > 0))
-      pose.covariance(i, i) = i < 3 ? kPosition * kPosition : i < 5 ? kTilt * kTilt : kHeading * kHeading;
-}
-
-}  // namespace
-
 Result<FlightAdjustment> adjustFlight(const capture::Flight& flight, const FlightAdjustOptions& options) {
   const auto& source = flight.frames();
   std::vector<TelemetryPrior> priors = priorsFromTelemetry(source);

@@ -33,6 +33,7 @@ PoseMap::PoseMap(const capture::CameraModel& camera, const AdjustOptions& option
   prior_sigmas_.lens[1] = prior_sigmas_.lens[2] = options.sigma_principal * side;
   for (int i = 0; i < 5; ++i)
     prior_sigmas_.lens[3 + i] = options.sigma_distortion[static_cast<std::size_t>(i)];
+  if (options.sigma_lens) prior_sigmas_.lens = *options.sigma_lens;
   prior_sigmas_.boresight.setConstant(options.sigma_boresight);
   prior_sigmas_.lever_m.setConstant(options.sigma_lever_m);
   prior_sigmas_.delay_s = options.sigma_delay_s;
@@ -219,12 +220,12 @@ bool PoseMap::locate(FrameId id, Matcher& matcher) {
   if (static_cast<int>(points.size()) < options_.least_points) {
     frame.reason = most_matches < static_cast<std::size_t>(options_.least_points)
                        ? fmt::format("no overlap: at most {} matches with an adjusted frame", most_matches)
-                       : fmt::format("only {} matches with known points", points.size());
+                       : fmt::format("too few known points: {} matches", points.size());
     return false;
   }
   const auto found = resect(points, seen, options_.gate_px / shared_.lens[0], options_.least_points);
   if (!found || static_cast<double>(found->inliers.size()) < 0.25 * static_cast<double>(points.size())) {
-    frame.reason = fmt::format("its {} matches do not agree on one pose", points.size());
+    frame.reason = fmt::format("no agreement: its {} matches do not fit one pose", points.size());
     return false;
   }
   std::vector<double> off;
@@ -286,11 +287,12 @@ void PoseMap::retryWaiting(Matcher& matcher) {
   }
 }
 
-FrameUpdate PoseMap::report(FrameId id) {
-  Frame& frame = frames_.at(id);
+FrameUpdate PoseMap::describe(FrameId id) const {
+  const Frame& frame = frames_.at(id);
   FrameUpdate update;
   update.id = id;
-  update.revision = frame.revision++;
+  update.revision = frame.revision;
+  update.camera = camera();
   View view = frame.view;
   if (frame.located) {
     update.state = FrameState::Adjusted;
@@ -319,24 +321,54 @@ FrameUpdate PoseMap::report(FrameId id) {
   }
   update.position = view.position;
   update.enu_from_camera = view.world_from_camera;
-  const View before = frame.reported.value_or(View{frame.prior.position, frame.prior.enu_from_camera});
+  const Frame::Reported before = frame.reported.value_or(
+      Frame::Reported{{frame.prior.position, frame.prior.enu_from_camera}, prior_.lens, false});
   update.shift_px = shiftPx(before, view);
-  frame.reported = view;
-  frame.closed = true;
   return update;
+}
+
+FrameUpdate PoseMap::report(FrameId id, bool closed) {
+  FrameUpdate update = describe(id);
+  Frame& frame = frames_.at(id);
+  ++frame.revision;
+  frame.reported = {{update.position, update.enu_from_camera}, shared_.lens, frame.located};
+  frame.closed = closed;
+  return update;
+}
+
+std::optional<FrameUpdate> PoseMap::reportEarly(FrameId id) {
+  const auto it = frames_.find(id);
+  if (it == frames_.end() || it->second.reported) return std::nullopt;
+  FrameUpdate update = describe(id);
+  if (update.state == FrameState::HeldBack) return update;
+  return report(id, false);
 }
 
 std::vector<FrameUpdate> PoseMap::close(bool all) {
   std::vector<FrameUpdate> updates;
   while (!open_.empty() && (all || open_.size() > static_cast<std::size_t>(options_.window_frames))) {
-    updates.push_back(report(open_.front()));
+    const FrameId id = open_.front();
     open_.pop_front();
+    Frame& frame = frames_.at(id);
+    const bool told = frame.reported && frame.reported->located == frame.located;
+    if (told &&
+        shiftPx(*frame.reported, frame.located ? frame.view : frame.reported->view) <= options_.revise_px)
+      frame.closed = true;
+    else
+      updates.push_back(report(id));
   }
+  std::vector<FrameId> moved;
+  bool any = false;
   for (const FrameId id : to_revise_) {
     const auto it = frames_.find(id);
     if (it == frames_.end() || !it->second.closed || !it->second.reported || !it->second.located) continue;
-    if (shiftPx(*it->second.reported, it->second.view) > options_.revise_px) updates.push_back(report(id));
+    const double shift = shiftPx(*it->second.reported, it->second.view);
+    const bool placed = !it->second.reported->located;  // it was held back, or used with its telemetry
+    any = any || placed || shift > options_.revise_px;
+    if (placed || shift > 0.5 * options_.revise_px) moved.push_back(id);
   }
+  if (any)
+    for (const FrameId id : moved) updates.push_back(report(id));
   to_revise_.clear();
   return updates;
 }
@@ -375,14 +407,15 @@ std::vector<FrameId> PoseMap::locatedInOrder() const {
   return out;
 }
 
-double PoseMap::shiftPx(const View& from, const View& to) const {
-  const double ground = groundHeight(from.position), w = lens_.model.width, h = lens_.model.height;
+double PoseMap::shiftPx(const Frame::Reported& from, const View& to) const {
+  const Eigen::Vector3d& centre = from.view.position;
+  const double ground = groundHeight(centre), w = lens_.model.width, h = lens_.model.height;
   double most = 0;
   for (const Eigen::Vector2d& px : {Eigen::Vector2d(w / 2, h / 2), Eigen::Vector2d(0, 0),
                                     Eigen::Vector2d(w, 0), Eigen::Vector2d(w, h), Eigen::Vector2d(0, h)}) {
-    const Eigen::Vector3d ray = from.world_from_camera * normalise(px).homogeneous();
+    const Eigen::Vector3d ray = from.view.world_from_camera * normalise(px, from.lens).homogeneous();
     if (ray.z() > -0.05 * ray.norm()) continue;
-    const Eigen::Vector3d x = from.position + ray * ((ground - from.position.z()) / ray.z());
+    const Eigen::Vector3d x = centre + ray * ((ground - centre.z()) / ray.z());
     const auto there = projectWith(lens_, shared_.lens, to.world_from_camera.conjugate() * (x - to.position));
     if (there) most = std::max(most, (*there - px).norm());
   }

@@ -6,6 +6,7 @@
 #include <map>
 #include <optional>
 #include <set>
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -41,10 +42,15 @@ struct AdjustOptions {
   double sigma_px = 0.6;            // noise of a feature's place, pixels
   double gate_px = 4.0;             // measurements further from their prediction are not joined to a point
   double least_parallax = 0.026;    // radians (1.5 degrees) below which a track has no point yet
-  double revise_px = 1.0;           // a closed pose is revised when it moves by more than this on the ground
+  // A closed pose is revised when it has moved by more than this on the ground since it was reported; with it
+  // go those that have moved by more than half of it (hysteresis).
+  double revise_px = 1.0;
   int threads = 1;
+  std::stop_token stop;  // breaks off what is being adjusted; the map is to be thrown away then
 
   // Priors on what all frames share (1 sigma); zero holds a value at its nominal.
+  // Absolute 1-sigma values in the order of Lens (a calibrated lens: LensProfile) instead of the next three.
+  std::optional<Eigen::Matrix<double, Lens::kSize, 1>> sigma_lens;
   double sigma_focal = 0.02;       // relative
   double sigma_principal = 0.015;  // relative to the image's long side
   std::array<double, 5> sigma_distortion{0.1, 0.1, 0.005, 0.005, 0};
@@ -72,6 +78,7 @@ struct FrameUpdate {
   int revision = 0;      // 0: first report of this frame
   int observations = 0;  // image measurements that hold it
   double rms_px = 0;     // root mean square length of its residuals
+  capture::CameraModel camera;  // the lens as it was calibrated together with this pose
 };
 
 // Poses, points and tracks of one camera's flight, in one local ENU frame. Frames come in one by one; each
@@ -89,6 +96,10 @@ class PoseMap {
   // revised. A frame whose id is known, or whose picture equals its predecessor's (duplicate), is reported.
   std::vector<FrameUpdate> add(FrameId id, const PriorPose& prior, std::vector<Eigen::Vector2d> keypoints,
                                Matcher& matcher);
+  // Reports a frame whose window has not closed yet: revision 0, its closing is then reported as a revision
+  // if it has moved. One that would be held back is described, not reported: it stays open. nullopt: unknown,
+  // or reported before.
+  std::optional<FrameUpdate> reportEarly(FrameId id);
   // Closes the window: everything still open is reported.
   std::vector<FrameUpdate> finish();
 
@@ -106,6 +117,7 @@ class PoseMap {
     double ground_height_m = 0;  // median height of the points, ENU
   };
   [[nodiscard]] Summary summary() const;
+  [[nodiscard]] double rmsPx() const { return rms_px_; }  // Summary::rms_px alone, at no cost
   [[nodiscard]] capture::CameraModel camera() const { return lens_.with(shared_.lens); }
   // Points with at least `least_views` measurements, ENU.
   [[nodiscard]] std::vector<Eigen::Vector3d> points(int least_views) const;
@@ -136,7 +148,12 @@ class PoseMap {
     std::string reason;
     Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
     std::set<FrameId> linked;
-    std::optional<View> reported;
+    struct Reported {
+      View view;
+      Eigen::Matrix<double, Lens::kSize, 1> lens;
+      bool located = false;
+    };
+    std::optional<Reported> reported;
     int revision = 0;
   };
   struct Sighting {
@@ -157,7 +174,8 @@ class PoseMap {
   void retryWaiting(Matcher& matcher);
   std::vector<FrameUpdate> close(bool all);
   void forgetOld(Matcher& matcher);
-  FrameUpdate report(FrameId id);
+  [[nodiscard]] FrameUpdate describe(FrameId id) const;
+  FrameUpdate report(FrameId id, bool closed = true);
   // pose_map_links.cpp: overlap, prediction, tracks
   [[nodiscard]] View predicted(FrameId id) const;
   [[nodiscard]] double predictionRadius(FrameId id) const;
@@ -171,14 +189,20 @@ class PoseMap {
   bool makePoint(int track);
   void dropSighting(int track, std::size_t index);
   void dropTrack(int track);
-  [[nodiscard]] Eigen::Vector2d normalise(const Eigen::Vector2d& pixel) const;
+  [[nodiscard]] Eigen::Vector2d normalise(const Eigen::Vector2d& pixel) const {
+    return normalise(pixel, shared_.lens);
+  }
+  [[nodiscard]] Eigen::Vector2d normalise(const Eigen::Vector2d& pixel,
+                                          const Eigen::Matrix<double, Lens::kSize, 1>& lens) const;
   [[nodiscard]] double groundHeight(const Eigen::Vector3d& near) const;
   [[nodiscard]] double residualPx(const Frame& frame, int keypoint, const Eigen::Vector3d& point) const;
-  // pose_map_adjust.cpp: least squares
+  // pose_map_adjust.cpp: least squares; pose_map_telemetry.cpp: what the telemetry says
   void adjustWindow();
   void adjustRegion(const std::vector<FrameId>& free, int observations, int rounds, bool all);
-  [[nodiscard]] Bundle makeBundle(const std::vector<FrameId>& free, const std::vector<FrameId>& fixed,
-                                  int observations, std::vector<int>& tracks) const;
+  // `others`: constant, or (`soft`) held by their own uncertainty.
+  [[nodiscard]] Bundle makeBundle(const std::vector<FrameId>& free, const std::vector<FrameId>& others,
+                                  bool soft, int observations, std::vector<int>& tracks) const;
+  [[nodiscard]] BundleFrame::Hold holdOf(const Frame& frame, std::size_t held_frames) const;
   void takeBack(const Bundle& bundle, const std::vector<FrameId>& frames, const std::vector<int>& tracks);
   void refreshPoints(const std::vector<FrameId>& frames);
   int prune(const std::vector<FrameId>& frames, double limit_px);
@@ -201,7 +225,9 @@ class PoseMap {
     double velocity_change = 0;  // m/s between neighbouring stretches: how little the velocity is known
   };
   [[nodiscard]] Earlier earlier(const Frame& frame, double delay_s) const;
-  [[nodiscard]] double shiftPx(const View& from, const View& to) const;
+  // Largest way that the picture's corners and centre move on the ground, pixels; `to` goes with the present
+  // lens.
+  [[nodiscard]] double shiftPx(const Frame::Reported& from, const View& to) const;
   [[nodiscard]] std::vector<FrameId> locatedInOrder() const;
 
   AdjustOptions options_;

@@ -15,11 +15,12 @@ double median(std::vector<double> values) {
 
 }  // namespace
 
-Eigen::Vector2d PoseMap::normalise(const Eigen::Vector2d& pixel) const {
-  const double fx = shared_.lens[0], fy = fx * lens_.model.fy / lens_.model.fx;
-  Eigen::Vector2d p((pixel.x() - shared_.lens[1]) / fx, (pixel.y() - shared_.lens[2]) / fy);
+Eigen::Vector2d PoseMap::normalise(const Eigen::Vector2d& pixel,
+                                   const Eigen::Matrix<double, Lens::kSize, 1>& lens) const {
+  const double fx = lens[0], fy = fx * lens_.model.fy / lens_.model.fx;
+  Eigen::Vector2d p((pixel.x() - lens[1]) / fx, (pixel.y() - lens[2]) / fy);
   for (int i = 0; i < 12; ++i) {
-    const auto px = projectWith(lens_, shared_.lens, p.homogeneous());
+    const auto px = projectWith(lens_, lens, p.homogeneous());
     if (!px) break;
     const Eigen::Vector2d step((pixel.x() - px->x()) / fx, (pixel.y() - px->y()) / fy);
     p += step;

@@ -30,6 +30,13 @@ std::optional<double> course(std::span<const capture::FlightFrame> frames, std::
 
 }  // namespace
 
+void fillCovariance(capture::Pose& pose) {
+  constexpr double kPosition = 3.0, kTilt = 0.035, kHeading = 0.087;
+  for (int i = 0; i < 6; ++i)
+    if (!(pose.covariance(i, i) > 0))
+      pose.covariance(i, i) = i < 3 ? kPosition * kPosition : i < 5 ? kTilt * kTilt : kHeading * kHeading;
+}
+
 std::vector<TelemetryPrior> priorsFromTelemetry(std::span<const capture::FlightFrame> frames) {
   std::vector<TelemetryPrior> out(frames.size());
   std::optional<double> last_course;

@@ -112,6 +112,36 @@ struct AttitudePrior {
   }
 };
 
+// A frame held to where it was, by its own uncertainty.
+struct HeldPosition {
+  Eigen::Vector3d place;
+  Eigen::Matrix3d sqrt_information;
+
+  template <class T>
+  bool operator()(const T* centre, T* residual) const {
+    Eigen::Map<Eigen::Matrix<T, 3, 1>> r(residual);
+    r = sqrt_information.cast<T>() * (Eigen::Map<const Eigen::Matrix<T, 3, 1>>(centre) - place.cast<T>());
+    return true;
+  }
+};
+
+struct HeldAttitude {
+  Eigen::Quaterniond enu_from_camera;
+  Eigen::Matrix3d sqrt_information;
+
+  template <class T>
+  bool operator()(const T* rotation, T* residual) const {
+    const Eigen::Quaternion<T> apart =
+        Eigen::Map<const Eigen::Quaternion<T>>(rotation) * enu_from_camera.conjugate().cast<T>();
+    const T wxyz[4] = {apart.w(), apart.x(), apart.y(), apart.z()};
+    Eigen::Matrix<T, 3, 1> v;
+    ceres::QuaternionToAngleAxis(wxyz, v.data());
+    Eigen::Map<Eigen::Matrix<T, 3, 1>> r(residual);
+    r = sqrt_information.cast<T>() * v;
+    return true;
+  }
+};
+
 // Independent priors on the entries of one block; a zero sigma leaves its entry out (it is held constant).
 template <int N>
 struct BlockPrior {
