@@ -1,0 +1,27 @@
+#pragma once
+#include "render/preview/surface.h"
+#include "render/preview/tile_image.h"
+
+namespace overfly::preview {
+
+enum class Filter { Nearest, Bilinear, Trilinear, Anisotropic };
+// What the surface's colour says.
+enum class Mode { Color, Elevation, Quality, Age, Level };
+
+// How a preview looks. Each entry is compiled into the shader only when a picture calls for it.
+struct Look {
+  Surface surface = Surface::Linear;
+  Filter filter = Filter::Anisotropic;
+  int max_anisotropy = 4;  // samples along the longer side of a pixel's footprint
+  Mode mode = Mode::Color;
+  NoData no_data = NoData::Hole;
+  bool shadows = false;
+  double relief = 0.4;         // 0: colours as they are; 1: shaded by the sun alone
+  double sun_heading = 5.498;  // where the sun stands, radians: north-west
+  double sun_height = 0.785;
+  // Levels coarser than a pixel's footprint are drawn where this is on (l_opt of 4.2.3); the finest
+  // everywhere where it is off.
+  bool level_of_detail = true;
+};
+
+}  // namespace overfly::preview

@@ -1,0 +1,42 @@
+// How a point of the surface looks.
+uniform vec3 sun;             // East-North-Up, unit length
+uniform float relief;         // 0: colours as they are; 1: lit by the sun alone
+uniform float texel_metres;   // of level 0
+uniform vec2 value_range;     // of the false colours
+
+const float AMBIENT = 0.45;
+
+// Slope of the surface at a hit, height per level-0 texel.
+vec2 slopeAt(Hit hit) {
+#if SURFACE == 0
+  return vec2(0.0);
+#else
+  float h[9];
+  neighbourhood(hit.level, hit.cell, hit.slot, h);
+  vec2 slope = smoothSlope(h, hit.local) * power2(-hit.level);
+  if (hit.tau > 0.0) {
+    ivec2 parent = hit.cell >> 1;
+    neighbourhood(hit.level + 1, parent, parentSlot(hit.level, parent), h);
+    vec2 coarse = smoothSlope(h, 0.5 * (vec2(hit.cell & 1) + hit.local)) * power2(-hit.level - 1);
+    slope = mix(slope, coarse, hit.tau);
+  }
+  return slope;
+#endif
+}
+
+vec3 normalAt(Hit hit, vec2 slope, vec3 along) {
+  if (hit.at_entry && hit.entered == 1) return vec3(along.x > 0.0 ? -1.0 : 1.0, 0.0, 0.0);
+  if (hit.at_entry && hit.entered == 2) return vec3(0.0, along.y > 0.0 ? 1.0 : -1.0, 0.0);
+  return normalize(vec3(-slope.x / texel_metres, slope.y / texel_metres, 1.0));
+}
+
+// Blue, cyan, green, yellow, red.
+vec3 ramp(float x) {
+  x = 4.0 * clamp(x, 0.0, 1.0);
+  return clamp(vec3(x - 2.0, x < 2.0 ? x : 4.0 - x, 2.0 - x), 0.0, 1.0) * 0.75 + 0.15;
+}
+
+float lightOn(vec3 normal, bool lit) {
+  float direct = lit ? max(dot(normal, sun), 0.0) / max(sun.z, 0.25) : 0.0;
+  return mix(1.0, min(AMBIENT + (1.0 - AMBIENT) * direct, 1.4), relief);
+}

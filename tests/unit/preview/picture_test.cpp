@@ -1,0 +1,220 @@
+// Pictures: against stored ones on the software rasteriser, and while the map changes beneath them.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <opencv2/imgcodecs.hpp>
+
+#include "render/preview/previewer.h"
+#include "render/preview/reference_caster.h"
+#include "tests/unit/gl/gl_fixture.h"
+#include "tests/unit/preview/synthetic_map.h"
+
+namespace overfly::preview {
+namespace {
+
+using test::SyntheticMap;
+
+View viewOf(const SyntheticMap& map, double x, double y, double above, double heading_deg, double pitch_deg) {
+  View view;
+  view.position = map.place(x, y, 447 + above);
+  view.heading = geo::radians(heading_deg);
+  view.pitch = geo::radians(pitch_deg);
+  view.width = 192;
+  view.height = 128;
+  return view;
+}
+
+struct Golden {
+  const char* name;
+  Look look;
+  bool near = true;
+};
+
+std::vector<Golden> goldens() {
+  std::vector<Golden> out;
+  const auto add = [&out](const char* name, auto change, bool near = true) {
+    Golden golden{name, {}, near};
+    change(golden.look);
+    out.push_back(golden);
+  };
+  add("blocks", [](Look& l) { l.surface = Surface::Blocks; });
+  add("linear", [](Look&) {});
+  add("bicubic", [](Look& l) { l.surface = Surface::Bicubic; });
+  add(
+      "nearest", [](Look& l) { l.filter = Filter::Nearest; }, false);
+  add(
+      "bilinear", [](Look& l) { l.filter = Filter::Bilinear; }, false);
+  add(
+      "trilinear", [](Look& l) { l.filter = Filter::Trilinear; }, false);
+  add(
+      "anisotropic", [](Look& l) { l.max_anisotropy = 16; }, false);
+  add("shadows", [](Look& l) {
+    l.shadows = true;
+    l.relief = 1;
+    l.sun_height = 0.5;
+  });
+  add(
+      "patch", [](Look& l) { l.no_data = NoData::Patch; }, false);
+  add(
+      "elevation", [](Look& l) { l.mode = Mode::Elevation; }, false);
+  add(
+      "quality", [](Look& l) { l.mode = Mode::Quality; }, false);
+  add(
+      "age", [](Look& l) { l.mode = Mode::Age; }, false);
+  add(
+      "level",
+      [](Look& l) {
+        l.mode = Mode::Level;
+        l.relief = 0;
+      },
+      false);
+  return out;
+}
+
+class Pictures : public test::GlTest {};
+
+// A stored picture may differ by this much: rasterisers round differently, and an edge may fall on the other
+// side of a pixel.
+constexpr int kLargest = 6;      // of 255, in any channel ...
+constexpr double kShare = 0.01;  // ... but for this share of the pixels
+// OVERFLY_WRITE_GOLDEN=1 writes the pictures instead, for a person to look at before they are committed.
+TEST_F(Pictures, LookAsTheyDid) {
+  if (!context().info().software) GTEST_SKIP() << "the stored pictures are llvmpipe's";
+  const std::filesystem::path folder = std::filesystem::path(OVERFLY_SOURCE_DIR) / "tests/data/preview";
+  const bool write = std::getenv("OVERFLY_WRITE_GOLDEN") != nullptr;
+  SyntheticMap map({}, test::holedHeight);
+  RamCache ram(map);
+  Previewer previewer(context(), ram);
+  for (const Golden& golden : goldens()) {
+    const View view = golden.near ? viewOf(map, 200, 330, 14, 0, -22) : viewOf(map, 190, 520, 45, 0, -30);
+    const auto frame = previewer.drawSettled(view, golden.look);
+    ASSERT_TRUE(frame.has_value()) << golden.name << ": " << frame.error().message;
+    cv::Mat drawn(view.height, view.width, CV_8UC3);
+    for (int y = 0; y < view.height; ++y)
+      for (int x = 0; x < view.width; ++x) {
+        const std::uint8_t* p = &frame->picture.rgba[static_cast<std::size_t>(4 * (y * view.width + x))];
+        drawn.at<cv::Vec3b>(y, x) = {p[2], p[1], p[0]};
+      }
+    const std::string file = (folder / (std::string(golden.name) + ".png")).string();
+    if (write) {
+      std::filesystem::create_directories(folder);
+      ASSERT_TRUE(cv::imwrite(file, drawn));
+      continue;
+    }
+    const cv::Mat stored = cv::imread(file, cv::IMREAD_COLOR);
+    ASSERT_EQ(stored.size(), drawn.size()) << file;
+    int beyond = 0;
+    for (int y = 0; y < view.height; ++y)
+      for (int x = 0; x < view.width; ++x) {
+        int largest = 0;
+        for (int c = 0; c < 3; ++c)
+          largest = std::max(largest, std::abs(drawn.at<cv::Vec3b>(y, x)[c] - stored.at<cv::Vec3b>(y, x)[c]));
+        beyond += largest > kLargest ? 1 : 0;
+      }
+    EXPECT_LE(beyond, kShare * view.width * view.height) << golden.name;
+  }
+}
+
+TEST_F(Pictures, ThePlaceUnderAPixelIsWhereTheRayMeetsTheGround) {
+  SyntheticMap map({}, test::townHeight);
+  RamCache ram(map);
+  Previewer previewer(context(), ram);
+  const View view = viewOf(map, 200, 300, 25, 20, -35);
+  Look look;
+  look.level_of_detail = false;
+  const auto frame = previewer.drawSettled(view, look, true);
+  ASSERT_TRUE(frame.has_value()) << frame.error().message;
+  const geo::LocalFrame local(view.position);
+  for (int y = 5; y < view.height; y += 20) {
+    for (int x = 5; x < view.width; x += 20) {
+      const RayHit& hit = frame->picture.hits[static_cast<std::size_t>(y * view.width + x)];
+      if (!hit.found) continue;
+      const Eigen::Vector3d there = local.enuFromEcef(geo::ecefFromGeodetic(previewer.placeOf(hit)));
+      EXPECT_LT((there - hit.t * view.direction(x + 0.5, y + 0.5)).norm(), 0.005);
+    }
+  }
+}
+
+// With levels of detail, what is hit lies within the cell that a pixel covers there: over hills, where a
+// cell's mean is its middle. (At a wall the mean of a coarse cell lies between its top and foot by design.)
+TEST_F(Pictures, LevelsOfDetailMoveTheSurfaceByLessThanThePixelsCell) {
+  const auto hills = [](int x, int y) {
+    return static_cast<float>(447 + 6 * std::sin(x * 0.011) * std::cos(y * 0.013) +
+                              0.8 * std::sin(x * 0.05 + y * 0.07));
+  };
+  SyntheticMap map({}, hills);
+  RamCache ram(map);
+  Previewer previewer(context(), ram);
+  View view = viewOf(map, 190, 700, 60, 0, -28);
+  view.width = 96;
+  view.height = 64;
+  const auto frame = previewer.drawSettled(view, {}, true);
+  ASSERT_TRUE(frame.has_value()) << frame.error().message;
+  const HeightGrid grid = HeightGrid::load(previewer.cache()->domain(), map, 0).value();
+  const ReferenceCaster reference(grid, Surface::Linear);
+  int compared = 0, beyond = 0, coarse = 0;
+  for (int y = 0; y < view.height; ++y) {
+    for (int x = 0; x < view.width; ++x) {
+      const RayHit& hit = frame->picture.hits[static_cast<std::size_t>(y * view.width + x)];
+      const auto expected = reference.cast(*previewer.frame(), view.direction(x + 0.5, y + 0.5), 60000);
+      if (!hit.found || !expected) continue;
+      ++compared;
+      coarse += hit.level > 0 ? 1 : 0;
+      const double cell = std::max(hit.t * pixelAngle(view), previewer.cache()->domain().texelSize());
+      beyond += std::abs(hit.height_m - expected->height_m) > cell ? 1 : 0;
+    }
+  }
+  EXPECT_GT(coarse, compared / 2);
+  EXPECT_LE(beyond, compared / 100) << "of " << compared;
+}
+
+// Fifty tiles a second change while the camera flies: nothing of the map is missing in any picture, and where
+// the camera rests no pixel's level drops.
+TEST_F(Pictures, AChangingMapHasNoHolesAndDoesNotFlicker) {
+  SyntheticMap map({}, test::townHeight);
+  RamCache ram(map);
+  Previewer previewer(context(), ram);
+  View view = viewOf(map, 60, 330, 20, 60, -30);
+  view.width = 80;
+  view.height = 48;
+  ASSERT_TRUE(previewer.drawSettled(view, {}, true).has_value());
+  RamCache all(map);
+  Previewer calm(context(), all);
+  std::vector<RayHit> before;
+  constexpr int kFrames = 50;  // at 25 a second: two seconds
+  for (int i = 0; i < kFrames; ++i) {
+    const bool flying = i < kFrames / 2;
+    if (flying) view.position = map.place(60 + 8 * i, 330 - 3 * i, 467);
+    for (int k = 0; k < 2; ++k) {
+      const int n = 2 * i + k;
+      map.change(n % 6, (n / 6 + n) % 6, test::townHeight, n % 5 != 0);
+    }
+    ASSERT_TRUE(ram.poll().has_value());
+    for (int k = 0; k < 4; ++k) ram.loadNext();  // a disk that can hardly follow
+    ClipCache::Budget budget;
+    budget.uploads = 3;
+    const auto frame = previewer.draw(view, {}, budget, true);
+    ASSERT_TRUE(frame.has_value()) << frame.error().message;
+    EXPECT_LE(frame->update.uploads, 3);
+    // The same view with every tile at hand: the changes are of revision alone.
+    const auto whole = calm.drawSettled(view, {}, true);
+    ASSERT_TRUE(whole.has_value()) << whole.error().message;
+    std::size_t missing = 0;
+    for (std::size_t p = 0; p < frame->picture.hits.size(); ++p) {
+      const RayHit& hit = frame->picture.hits[p];
+      if (!flying && !before.empty() && before[p].found && hit.found) {
+        ASSERT_LE(hit.level, before[p].level) << "frame " << i << " pixel " << p;
+      }
+      missing += !hit.found && whole->picture.hits[p].found ? 1 : 0;
+    }
+    // Along an edge a coarser level's mean may let a ray pass; a tile's hole is many times as large.
+    EXPECT_LE(missing, frame->picture.hits.size() / 200) << "frame " << i;
+    before = flying ? std::vector<RayHit>{} : frame->picture.hits;
+  }
+}
+
+}  // namespace
+}  // namespace overfly::preview
