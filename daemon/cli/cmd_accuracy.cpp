@@ -10,6 +10,7 @@
 #include "render/scene/description.h"
 #include "tiling/accuracy/accuracy.h"
 #include "tiling/mapping/batch_map.h"
+#include "tiling/mapping/mapper_settings.h"
 #include "tiling/store/tile_codec.h"
 
 namespace overfly::cli {
@@ -17,9 +18,9 @@ namespace {
 
 struct Arguments {
   std::string flight, map;
-  int images = 0, window = -1, levels = 0, scale = -2, track = 0, match_radius = 0, segment = 0;
-  double step = 0, min_score = -1, smooth = -1;
-  bool regularise = false, one_surface = false;
+  int track = 0, match_radius = 0, segment = 0;
+  double step = 0, smooth = -1;
+  bool one_surface = false, no_occlusion = false;
   SceneAccuracyOptions scene;
 };
 
@@ -29,20 +30,19 @@ bool isScene(const std::string& name) {
                                      scene::loadScene(name).has_value());
 }
 
-tiling::BatchOptions batchOptions(const Arguments& arguments) {
+Result<tiling::BatchOptions> batchOptions(const Arguments& arguments, const Context& context) {
+  auto loaded = loadSettings(context);
+  if (!loaded) return tl::unexpected(loaded.error());
   tiling::BatchOptions options;
+  options.mapper = tiling::mapperOptions(loaded->settings);
+  options.ground = tiling::groundOptions(loaded->settings);
   tiling::SweepOptions& sweep = options.mapper.sweep;
-  if (arguments.images > 0) sweep.max_views = arguments.images;
-  if (arguments.window >= 0) sweep.window_radius = arguments.window;
-  if (arguments.levels > 0) sweep.levels = arguments.levels;
   if (arguments.step > 0) sweep.plane_step = arguments.step;
-  if (arguments.min_score >= 0) sweep.min_score = arguments.min_score;
   if (arguments.smooth >= 0) sweep.smooth_planes = arguments.smooth;
   if (arguments.segment > 0) sweep.min_segment = arguments.segment;
   if (arguments.match_radius > 0) options.mapper.match.radius = arguments.match_radius;
-  if (arguments.scale >= -1) options.mapper.working_scale = arguments.scale;
-  sweep.regularise = arguments.regularise;
   sweep.two_surfaces = !arguments.one_surface;
+  sweep.occlusion = !arguments.no_occlusion;
   return options;
 }
 
@@ -72,7 +72,9 @@ Result<int> run(const Arguments& arguments, const Context& context) {
     SceneAccuracyOptions options = arguments.scene;
     options.scene = arguments.flight;
     options.json = context.json;
-    return sceneAccuracy(options, batchOptions(arguments));
+    const auto mapping = batchOptions(arguments, context);
+    if (!mapping) return tl::unexpected(mapping.error());
+    return sceneAccuracy(options, *mapping);
   }
   auto flight = capture::importFlight(arguments.flight);
   if (!flight) return tl::unexpected(flight.error());
@@ -86,7 +88,8 @@ Result<int> run(const Arguments& arguments, const Context& context) {
   auto gl_context = gl::Context::create();
   if (!gl_context) return tl::unexpected(gl_context.error());
 
-  const tiling::BatchOptions options = batchOptions(arguments);
+  const auto options = batchOptions(arguments, context);
+  if (!options) return tl::unexpected(options.error());
   std::map<geo::TileKey, tiling::Tile> tiles;
   tiling::BatchEvents events;
   std::unique_ptr<Progress> progress;
@@ -101,7 +104,7 @@ Result<int> run(const Arguments& arguments, const Context& context) {
     tiles.insert_or_assign(key, std::move(tile));
     return {};
   };
-  auto result = tiling::mapFlight(*gl_context, *flight, options, events);
+  auto result = tiling::mapFlight(*gl_context, *flight, *options, events);
   progress.reset();
   if (!result) return tl::unexpected(result.error());
   const tiling::MapGround& ground = result->ground;
@@ -217,18 +220,13 @@ void build(CLI::App& command, Context& context) {
                   "compared with its truth")
       ->required();
   command.add_option("--map", arguments->map, "a finished map to compare instead of mapping the flight here");
-  command.add_option("--images", arguments->images, "views per cell, 2..14");
-  command.add_option("--window", arguments->window, "radius of the support window, texels");
-  command.add_option("--levels", arguments->levels, "levels of the coarse-to-fine search");
   command.add_option("--step", arguments->step, "distance of planes, texels of parallax");
-  command.add_option("--min-score", arguments->min_score, "correlation below which there is no height");
   command.add_option("--smooth", arguments->smooth, "edge-preserving smoothing, planes");
   command.add_option("--segment", arguments->segment, "smallest island kept, texels");
   command.add_option("--match-radius", arguments->match_radius, "radius of the local normalisation, pixels");
-  command.add_option("--working-scale", arguments->scale, "sweep on texels 2^N times the map's; -1: by GSD");
   command.add_option("--track", arguments->track, "frames that must see a strong point; 0: the mean");
-  command.add_flag("--regularise", arguments->regularise, "semi-global aggregation on the coarsest grid");
   command.add_flag("--one-surface", arguments->one_surface, "no second search at steps");
+  command.add_flag("--no-occlusion", arguments->no_occlusion, "hidden views count at steps too");
   SceneAccuracyOptions& scene = arguments->scene;
   command.add_option("--effects", scene.effects,
                      "scene: these effects instead of its own: NAME,NAME or none");

@@ -1,31 +1,21 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "capture/v4l2/list_cameras.h"
+#include "daemon/cli/check.h"
 #include "daemon/cli/command.h"
+#include "daemon/page/assets.h"
 #include "render/gl/context.h"
 #include "render/gl/dma_buf.h"
 #include "render/gl/precision.h"
-#ifdef OVERFLY_HAS_LIBCAMERA
-#include "capture/libcamera/libcamera_source.h"
-#endif
 
 namespace overfly::cli {
 namespace {
-
-// What one part of the machine has to say: facts in order, and what stands in the way of mapping.
-struct Section {
-  std::string name;
-  std::vector<std::pair<std::string, nlohmann::json>> facts;
-  std::vector<std::string> problems;
-
-  void add(std::string key, nlohmann::json value) { facts.emplace_back(std::move(key), std::move(value)); }
-};
 
 std::vector<std::string> formatsWith(const gl::DeviceInfo& info, bool gl::FormatSupport::*what) {
   std::vector<std::string> out;
@@ -36,53 +26,59 @@ std::vector<std::string> formatsWith(const gl::DeviceInfo& info, bool gl::Format
   return out;
 }
 
-void addLimits(Section& section, const gl::Limits& limits) {
-  section.add("texture size", limits.texture_size);
-  section.add("texture layers", limits.texture_layers);
-  section.add("textures in fragment / compute shaders",
-              fmt::format("{} / {}", limits.texture_units, limits.compute_texture_units));
-  section.add("invocations per work group", limits.compute_invocations);
-  section.add("shared memory, bytes", limits.compute_shared_bytes);
-  section.add("images in fragment / compute shaders",
-              fmt::format("{} / {}", limits.fragment_images, limits.compute_images));
-  section.add("storage blocks in fragment / compute shaders",
-              fmt::format("{} / {}", limits.fragment_storage_blocks, limits.compute_storage_blocks));
-  section.add("storage block, bytes", limits.storage_block_bytes);
-  section.add("render targets", limits.draw_buffers);
+void addLimits(Check& check, const gl::Limits& limits) {
+  check.add("texture size", limits.texture_size);
+  check.add("texture layers", limits.texture_layers);
+  check.add("textures in fragment / compute shaders",
+            fmt::format("{} / {}", limits.texture_units, limits.compute_texture_units));
+  check.add("invocations per work group", limits.compute_invocations);
+  check.add("shared memory, bytes", limits.compute_shared_bytes);
+  check.add("images in fragment / compute shaders",
+            fmt::format("{} / {}", limits.fragment_images, limits.compute_images));
+  check.add("storage blocks in fragment / compute shaders",
+            fmt::format("{} / {}", limits.fragment_storage_blocks, limits.compute_storage_blocks));
+  check.add("storage block, bytes", limits.storage_block_bytes);
+  check.add("render targets", limits.draw_buffers);
 }
 
+constexpr const char* kOtherGpu = "use another driver or GPU, or the software rasteriser (gpu.software)";
+
 // What the rectifier and the sweep render into and cannot do without.
-void requireFormats(Section& section, const gl::DeviceInfo& info) {
+void requireFormats(Check& check, const gl::DeviceInfo& info) {
   for (const gl::Format format : {gl::Format::R8, gl::Format::RGBA8, gl::Format::R32F, gl::Format::RGBA16F}) {
     if (!info.support(format).renderable) {
-      section.problems.push_back(fmt::format("cannot render into {} textures", gl::formatName(format)));
+      check.worse(Check::State::Problem,
+                  fmt::format("cannot render into {} textures", gl::formatName(format)), kOtherGpu);
     }
   }
 }
 
-void probe(Section& section, gl::Context& context) {
+void probe(Check& check, gl::Context& context) {
   const auto precision = gl::probePrecision(context);
   if (!precision) {
-    section.problems.push_back(precision.error().message);
+    check.worse(Check::State::Problem, precision.error().message, kOtherGpu);
     return;
   }
-  section.add("highp float, mantissa bits measured in fragment / compute shaders",
-              fmt::format("{} / {}", precision->fragment_bits, precision->compute_bits));
+  check.add("highp float, mantissa bits measured in fragment / compute shaders",
+            fmt::format("{} / {}", precision->fragment_bits, precision->compute_bits));
   if (std::min(precision->fragment_bits, precision->compute_bits) < gl::kNeededMantissaBits) {
-    section.problems.push_back(
-        fmt::format("highp float has too few bits, {} are needed", gl::kNeededMantissaBits));
+    check.worse(Check::State::Problem,
+                fmt::format("highp float has too few bits, {} are needed", gl::kNeededMantissaBits),
+                kOtherGpu);
   }
 }
 
-Section gpu() {
-  Section out;
+Check gpu() {
+  Check out;
   out.name = "GPU";
   auto context = gl::Context::create();
   if (!context) {
-    out.problems.push_back(context.error().message);
+    out.worse(Check::State::Problem, context.error().message,
+              "install its driver, or Mesa's software rasteriser (libegl-mesa0, libgl1-mesa-dri)");
     return out;
   }
   const gl::DeviceInfo& info = context->info();
+  out.finding = fmt::format("{}, {}", info.renderer, info.version);
   out.add("platform", gl::platformName(info.platform));
   out.add("vendor", info.vendor);
   out.add("renderer", info.renderer);
@@ -96,27 +92,39 @@ Section gpu() {
   out.add("filterable", formatsWith(info, &gl::FormatSupport::filterable));
   requireFormats(out, info);
   probe(out, *context);
+  if (info.software)
+    out.worse(Check::State::Warning, fmt::format("software rasteriser ({})", info.renderer),
+              "it maps, at a fraction of a GPU's rate; where there is a GPU, install its driver and see that "
+              "the user "
+              "overfly may open /dev/dri");
   return out;
 }
 
-// Absent cameras stand in nothing's way: a flight can be played.
-Section cameras() {
-  Section out;
-  out.name = "cameras";
-  for (const capture::v4l2::FoundCamera& camera : capture::v4l2::listCameras())
-    out.add("v4l2 " + camera.path,
-            camera.problem.empty() ? fmt::format("{} ({})", camera.card, camera.driver) : camera.problem);
-#ifdef OVERFLY_HAS_LIBCAMERA
-  out.add("libcamera", capture::libcameraVersion());
-  for (const capture::LibcameraCamera& camera : capture::libcameraCameras())
-    out.add("libcamera " + camera.id, camera.model);
-#else
-  out.add("libcamera", "not in this build: libcamera-dev was not there");
-#endif
+Check builtIn() {
+  Check out;
+  out.name = "built in";
+  const bool live_page = page::find("/maplibre-gl.js") != nullptr;
+  out.add("operator page", live_page ? "MapLibre GL" : "plain");
+  out.finding = fmt::format("overfly {}, {} operator page", OVERFLY_VERSION, live_page ? "live" : "plain");
+  if (!live_page)
+    out.worse(Check::State::Warning, "the operator page is the plain one",
+              "build again with nodejs and npm installed");
   return out;
 }
 
-std::string plain(const nlohmann::json& value) {
+const char* word(Check::State state) {
+  switch (state) {
+    case Check::State::Ok:
+      return "OK";
+    case Check::State::Warning:
+      return "warning";
+    case Check::State::Problem:
+      break;
+  }
+  return "PROBLEM";
+}
+
+std::string plain(const nlohmann::ordered_json& value) {
   if (value.is_string()) return value.get<std::string>();
   if (value.is_boolean()) return value.get<bool>() ? "yes" : "no";
   if (!value.is_array()) return value.dump();
@@ -125,34 +133,50 @@ std::string plain(const nlohmann::json& value) {
   return out;
 }
 
-void printText(const std::vector<Section>& sections) {
-  for (const Section& section : sections) {
-    fmt::print("{}\n", section.name);
-    for (const auto& [key, value] : section.facts) fmt::print("  {}: {}\n", key, plain(value));
-    for (const std::string& problem : section.problems) fmt::print("  PROBLEM: {}\n", problem);
+void printText(const std::vector<Check>& checks, bool with_facts) {
+  for (const Check& check : checks) {
+    fmt::print("{:<8} {:<10} {}{}\n", word(check.state), check.name, check.finding,
+               check.advice.empty() ? "" : "; " + check.advice);
+    if (!with_facts) continue;
+    for (const auto& [key, value] : check.facts) fmt::print("{:19} {}: {}\n", "", key, plain(value));
   }
 }
 
-void printJson(const std::vector<Section>& sections) {
+void printJson(const std::vector<Check>& checks) {
   nlohmann::ordered_json out;
-  for (const Section& section : sections) {
-    for (const auto& [key, value] : section.facts) out[section.name][key] = value;
-    out[section.name]["problems"] = section.problems;
+  for (const Check& check : checks) {
+    auto& node = out[check.name];
+    node["state"] = word(check.state);
+    node["finding"] = check.finding;
+    if (!check.advice.empty()) node["advice"] = check.advice;
+    for (const auto& [key, value] : check.facts) node[key] = value;
   }
   fmt::print("{}\n", out.dump(2));
 }
 
+constexpr double kListen_s = 2;
+
 void build(CLI::App& command, Context& context) {
+  auto all = std::make_shared<bool>(false);
+  command.add_flag("--all", *all, "also prints every figure that --json has");
   command.footer("Exit status 1 when something stands in the way of mapping.");
-  context.onRun(command, [&context]() -> Result<int> {
-    const std::vector<Section> sections{gpu(), cameras()};
-    if (context.json) {
-      printJson(sections);
-    } else {
-      printText(sections);
-    }
-    bool good = true;
-    for (const Section& section : sections) good = good && section.problems.empty();
+  context.onRun(command, [all, &context]() -> Result<int> {
+    const auto loaded = loadSettings(context);
+    if (!loaded) return tl::unexpected(loaded.error());
+    const auto& settings = loaded->settings;
+    const std::vector<Check> checks{builtIn(),
+                                    gpu(),
+                                    checkCameras(settings),
+                                    checkGpio(settings),
+                                    checkDisk(settings),
+                                    checkClock(),
+                                    checkAutopilot(settings, kListen_s)};
+    if (context.json)
+      printJson(checks);
+    else
+      printText(checks, *all);
+    const bool good =
+        std::ranges::none_of(checks, [](const Check& check) { return check.state == Check::State::Problem; });
     return good ? kOk : kFailed;
   });
 }

@@ -11,6 +11,7 @@
 #include "daemon/cli/progress.h"
 #include "tiling/clipmap/parent.h"
 #include "tiling/mapping/batch_map.h"
+#include "tiling/mapping/mapper_settings.h"
 #include "tiling/store/make_frame_record.h"
 #include "tiling/store/tile_codec.h"
 
@@ -23,7 +24,7 @@ struct Arguments {
   std::string flight, map, lattice = "webmercator";
   double gsd_m = 0, ground_m = 0;
   bool ground_given = false, planar = false;
-  int tile_size = 256, cache_mb = 256;
+  int tile_size = 0, cache_mb = 256;  // tile_size 0: the setting's
 };
 
 // Collects tiles into transactions.
@@ -113,7 +114,7 @@ Result<int> run(const Arguments& arguments, const Context& context) {
     planar.flight = arguments.flight;
     planar.map = arguments.map;
     planar.lattice = *lattice;
-    planar.tile_size = arguments.tile_size;
+    if (arguments.tile_size > 0) planar.tile_size = arguments.tile_size;
     planar.cache_mb = arguments.cache_mb;
     planar.json = context.json;
     if (arguments.ground_given) planar.ground_m = arguments.ground_m;
@@ -125,11 +126,15 @@ Result<int> run(const Arguments& arguments, const Context& context) {
   auto gl_context = gl::Context::create();
   if (!gl_context) return tl::unexpected(gl_context.error());
 
+  auto loaded = loadSettings(context);
+  if (!loaded) return tl::unexpected(loaded.error());
   tiling::BatchOptions options;
+  options.mapper = tiling::mapperOptions(loaded->settings);
+  options.ground = tiling::groundOptions(loaded->settings);
   options.lattice = *lattice;
-  options.mapper.tile_size = arguments.tile_size;
-  if (arguments.gsd_m > 0) options.gsd_m = arguments.gsd_m;
-  if (arguments.ground_given) options.ground_height_m = arguments.ground_m;
+  if (arguments.tile_size > 0) options.mapper.tile_size = arguments.tile_size;
+  if (arguments.gsd_m > 0) options.ground.gsd_m = arguments.gsd_m;
+  if (arguments.ground_given) options.ground.height_m = arguments.ground_m;
   std::optional<tiling::MapStore> store;
   std::optional<Writer> writer;
   std::size_t tiles = 0;
@@ -148,7 +153,7 @@ Result<int> run(const Arguments& arguments, const Context& context) {
     meta.datum = flight->info().datum;
     meta.geoid = flight->info().geoid_model;
     meta.base_zoom = ground.base_zoom;
-    meta.tile_size = arguments.tile_size;
+    meta.tile_size = options.mapper.tile_size;
     const capture::Frame& first = flight->at(0).frame;
     meta.created_utc_ns = first.time_ns + first.utc_offset_ns;
     meta.extra =

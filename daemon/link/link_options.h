@@ -30,6 +30,7 @@ struct LinkOptions {
   double stall_time_s = 60;  // a client that takes less than one block in this time is dropped
   unsigned workers = 2;      // threads that read and render tiles
 
+  int coverage_views = 3;  // that must see a place for it to count as covered, unless a client says otherwise
   double event_heartbeat_s = 15;
   std::size_t max_bundle_bytes = 1024 * 1024;  // largest part of one /bundle or /changes answer
   int overzoom = 4;                            // zooms beyond the map's own that are composed, each way

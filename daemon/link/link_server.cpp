@@ -109,6 +109,11 @@ void LinkServer::mapChanged() {
   impl_->woken.notify_one();
 }
 
+void LinkServer::setMaxKbps(double kbps) {
+  impl_->options.max_kbps = kbps;
+  if (impl_->server) impl_->server->setMaxKbps(kbps);
+}
+
 namespace {
 
 class FinishedMaps final : public LinkBackend {

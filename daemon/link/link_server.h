@@ -78,6 +78,8 @@ class LinkServer {
   [[nodiscard]] std::string url() const;
   // A commit was made: events go out now instead of at the next look (every 200 ms). Cheap.
   void mapChanged();
+  // The cap from now on (LinkOptions::max_kbps).
+  void setMaxKbps(double kbps);
 
  private:
   struct Impl;

@@ -31,6 +31,12 @@ bool hostIsOwn(std::string_view host) {
   return host == own || host == own + ".local" || host.starts_with(own + ".");
 }
 
+// "http://HOST[:PORT]" is what the request itself came to.
+bool sameOrigin(std::string_view origin, std::string_view host) {
+  const auto at = origin.find("://");
+  return at != std::string_view::npos && origin.substr(at + 3) == host;
+}
+
 Result<std::string> readToken(const std::string& path) {
   const int fd = open(path.c_str(), O_RDONLY | O_CLOEXEC);
   if (fd < 0)
@@ -84,6 +90,12 @@ std::optional<Response> Access::refuse(Request& request) const {
   if (token_.empty()) {
     if (!hostIsOwn(request.header("host")))
       return Response::text(421, "This server does not answer to that host name.\n");
+    // Without a token nothing else tells a foreign page's POST from the operator's.
+    const auto origin = request.header("origin");
+    const bool changes = request.method != Method::Get;
+    if (changes && !origin.empty() && !sameOrigin(origin, request.header("host")) &&
+        std::ranges::find(origins_, origin) == origins_.end())
+      return Response::text(403, "A page of another site may not change anything here.\n");
     return std::nullopt;
   }
   bool known = false;

@@ -99,6 +99,7 @@ struct HttpServer::Impl {
   std::set<MHD_Connection*> quiet_streams;
   bool closing = false;
   TokenBucket bucket;  // guarded by wait_mutex
+  std::atomic<double> max_kbps;
   std::jthread clock;
 
   std::mutex connections_mutex;
@@ -107,7 +108,11 @@ struct HttpServer::Impl {
   std::atomic<std::uint64_t> requests{0}, refused{0}, dropped{0}, bytes{0}, streams{0};
 
   Impl(LinkOptions o, Gate g, Handler h)
-      : options(std::move(o)), gate(std::move(g)), handler(std::move(h)), bucket(options.max_kbps * 125.0) {}
+      : options(std::move(o)),
+        gate(std::move(g)),
+        handler(std::move(h)),
+        bucket(options.max_kbps * 125.0),
+        max_kbps(options.max_kbps) {}
 
   // ---- callbacks of libmicrohttpd, all on its one thread ----
 
@@ -141,6 +146,9 @@ struct HttpServer::Impl {
     setsockopt(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, &timeout_ms, sizeof timeout_ms);
     const int lowat = static_cast<int>(kBlock);
     setsockopt(fd, IPPROTO_TCP, TCP_NOTSENT_LOWAT, &lowat, sizeof lowat);
+    // Takes a radio's losses for losses and not for a full queue; a kernel without it keeps its own choice.
+    constexpr std::string_view kBbr = "bbr";
+    setsockopt(fd, IPPROTO_TCP, TCP_CONGESTION, kBbr.data(), kBbr.size());
   }
 
   // With every place taken, whoever has waited longest without a request makes room: holding connections
@@ -521,9 +529,15 @@ void HttpServer::wakeStreams() {
   self.quiet_streams.clear();
 }
 
+void HttpServer::setMaxKbps(double kbps) {
+  impl_->max_kbps = kbps;
+  const std::lock_guard lock(impl_->wait_mutex);
+  impl_->bucket.setRate(kbps * 125.0);
+}
+
 HttpCounters HttpServer::counters() const {
   auto& self = *impl_;
-  HttpCounters out{self.requests, self.refused, self.dropped, self.bytes, 0, self.streams};
+  HttpCounters out{self.requests, self.refused, self.dropped, self.bytes, 0, self.streams, self.max_kbps};
   const std::lock_guard lock(self.connections_mutex);
   out.connections = self.connections.size();
   return out;

@@ -62,6 +62,7 @@ struct Response {
 struct HttpCounters {
   std::uint64_t requests = 0, refused = 0, dropped = 0, bytes = 0;
   std::uint64_t connections = 0, streams = 0;  // now open
+  double max_kbps = 0;                         // the cap now
 };
 
 // Event-driven HTTP/1.1 over libmicrohttpd: one epoll thread moves bytes, a few workers make responses, one
@@ -87,6 +88,8 @@ class HttpServer {
   [[nodiscard]] std::uint16_t port() const;
   // Streams have news: their read() is called again. Thread-safe, cheap.
   void wakeStreams();
+  // The cap from now on; 0: none. Thread-safe.
+  void setMaxKbps(double kbps);
   [[nodiscard]] HttpCounters counters() const;
 
  private:

@@ -124,6 +124,14 @@ Result<Composition> MapView::compose(tiling::Layer layer, const LinkKey& key) co
   return out;
 }
 
+std::optional<geo::TileKey> MapView::storedKey(const LinkKey& key) const {
+  const auto bounds = reader_.bounds(tiling::Layer::Color);
+  if (!isXyz() || !bounds || key.zoom < shift_) return std::nullopt;
+  const int up = std::max(0, key.zoom - shift_ - meta_.base_zoom) + shift_;
+  const int zoom = key.zoom - up;
+  return geo::TileKey{zoom, unwrapped(key.x >> up, zoom, *bounds), key.y >> up};
+}
+
 bool MapView::isWhole(const Composition& composition) const {
   return composition.pieces.size() == 1 && composition.pieces[0].from_side == meta_.tile_size &&
          composition.pieces[0].to_side == kLinkTile;

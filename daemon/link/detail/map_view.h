@@ -58,6 +58,9 @@ class MapView {
   [[nodiscard]] std::optional<Extent> extent(tiling::Layer layer) const;
   // Exactly stored, or composed from at most `overzoom` levels away.
   [[nodiscard]] Result<Composition> compose(tiling::Layer layer, const LinkKey& key) const;
+  // The stored tile of that place and zoom, whether it is there or not; of the finest zoom there is when
+  // `key` is finer.
+  [[nodiscard]] std::optional<geo::TileKey> storedKey(const LinkKey& key) const;
   // The stored bytes when the composition is one whole stored tile.
   [[nodiscard]] bool isWhole(const Composition& composition) const;
 

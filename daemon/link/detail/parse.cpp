@@ -168,13 +168,6 @@ std::optional<std::vector<WantedTile>> parseWanted(std::string_view text, std::s
   return out;
 }
 
-std::string text(const WantedTile& wanted) {
-  auto out = std::string(tiling::name(wanted.layer)) + "/" + std::to_string(wanted.key.zoom) + "/" +
-             std::to_string(wanted.key.x) + "/" + std::to_string(wanted.key.y);
-  if (wanted.bytes > 0) out += "+" + std::to_string(wanted.bytes) + "@" + std::to_string(wanted.revision);
-  return out;
-}
-
 bool equalSecrets(std::string_view presented, std::string_view expected) {
   if (expected.empty()) return false;
   unsigned difference = presented.size() == expected.size() ? 0u : 1u;

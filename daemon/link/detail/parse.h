@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "config/error.h"
+#include "daemon/link/bundle.h"
 #include "tiling/store/map_store.h"
 
 // Everything that reads a client's text. Pure functions over untrusted bytes: no allocation beyond the
@@ -61,16 +62,9 @@ struct BundlePlace {
 [[nodiscard]] std::optional<BundlePlace> parseBundlePlace(const std::string& text);
 [[nodiscard]] std::string text(const BundlePlace& place);
 
-// "LAYER/Z/X/Y[+BYTES@REVISION];..." : the tiles that a client asks for by name.
-struct WantedTile {
-  tiling::Layer layer = tiling::Layer::Color;
-  geo::TileKey key;
-  std::uint64_t bytes = 0;     // of the record that the client has already ...
-  std::uint64_t revision = 0;  // ... if it is still this revision
-};
+// "LAYER/Z/X/Y[+BYTES@REVISION];...": the tiles that a client asks for by name.
 [[nodiscard]] std::optional<std::vector<WantedTile>> parseWanted(std::string_view text,
                                                                  std::size_t limit = 512);
-[[nodiscard]] std::string text(const WantedTile& wanted);
 
 // Constant in time over `presented`; false for an empty expected token.
 [[nodiscard]] bool equalSecrets(std::string_view presented, std::string_view expected);

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
-#include "daemon/link/detail/bundle.h"
+#include "daemon/link/bundle.h"
 #include "daemon/link/detail/routes.h"
 
 namespace overfly::link {

@@ -144,7 +144,7 @@ Response Routes::plan(const Visit& visit) {
 }
 
 Response Routes::coverage(const Visit& visit) {
-  int min_views = 3;
+  int min_views = options_.coverage_views;
   if (const auto text = visit.request.arg("views")) {
     const auto count = parseCount(*text);
     if (!count || *count < 1 || *count > 100) return Response::text(400, "views: 1 ... 100\n");

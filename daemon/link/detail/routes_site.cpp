@@ -67,7 +67,7 @@ std::string Routes::statusText() {
   node["link"] = {{"requests", counters.requests},   {"refused", counters.refused},
                   {"dropped", counters.dropped},     {"bytes", counters.bytes},
                   {"clients", counters.connections}, {"streams", counters.streams},
-                  {"max_kbps", options_.max_kbps}};
+                  {"max_kbps", counters.max_kbps}};
   if (const auto mission = currentMission()) {
     node["mission"] = missionJson(*mission);
     if (const auto view = views_.lease(mission->map)) {

@@ -91,7 +91,8 @@ Response Routes::tile(const Visit& visit, const TilePath& path) {
                                            : tiling::Layer::Elevation;
   const auto composition = layer == "hillshade" ? view.neighbourhood(key) : view.compose(stored_layer, key);
   if (!composition) return failure(composition.error());
-  if (mission.current && !composition->pieces.empty()) backend_->interest(composition->pieces.front().key);
+  if (mission.current)
+    if (const auto looked = view.storedKey(key)) backend_->interest(*looked);
 
   // Heights may be asked for above a chosen level: viewers that drape a terrain have no other zero than 0.
   std::string rendition = layer + "." + path.extension;
@@ -208,6 +209,8 @@ Response Routes::layerList(const Visit& visit) {
       {"lattice", meta.lattice},
       {"tile_size", meta.tile_size},
       {"vertical_datum", context.datum},
+      {"base_zoom", meta.base_zoom},
+      {"elevation_step_m", meta.elevation_step_m},
       {"layers", list}}.dump());
 }
 

@@ -12,6 +12,13 @@ class TokenBucket {
   explicit TokenBucket(double bytes_per_s, double burst_s = 0.25)
       : rate_(bytes_per_s), burst_(std::max(bytes_per_s * burst_s, 1500.0)), tokens_(burst_) {}
 
+  // What has been saved up stays, as far as the new rate lets it.
+  void setRate(double bytes_per_s, double burst_s = 0.25) {
+    rate_ = bytes_per_s;
+    burst_ = std::max(bytes_per_s * burst_s, 1500.0);
+    tokens_ = unlimited() ? burst_ : std::min(tokens_, burst_);
+  }
+
   [[nodiscard]] bool unlimited() const { return rate_ <= 0; }
 
   // How many of `wanted` bytes may be sent now; a grant below `least` is refused, so that a starved

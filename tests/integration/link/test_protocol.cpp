@@ -5,7 +5,7 @@
 #include <sstream>
 #include <thread>
 
-#include "daemon/link/detail/bundle.h"
+#include "daemon/link/bundle.h"
 #include "daemon/link/token.h"
 #include "tests/integration/link/served_map.h"
 
@@ -163,6 +163,16 @@ TEST_F(Protocol, ForeignHostNamesAreNotAnsweredWithoutAToken) {
   serve();
   EXPECT_EQ(fetch(base_ + "/tiles.json", {"Host: rebound.example.org"}).status, 421);
   EXPECT_EQ(fetch(base_ + "/tiles.json", {"Host: localhost:1"}).status, 200);
+}
+
+TEST_F(Protocol, APageOfAnotherSiteChangesNothing) {
+  map_->makeAll();
+  serve();
+  EXPECT_EQ(fetch(base_ + "/plan", {"Origin: http://example.org"}, "DELETE").status, 403);
+  EXPECT_EQ(fetch(base_ + "/missions", {"Origin: null", "Content-Type: text/plain"}, "POST", "{}").status,
+            403);
+  EXPECT_EQ(fetch(base_ + "/plan", {"Origin: " + base_}, "DELETE").status, 204);
+  EXPECT_EQ(fetch(base_ + "/tiles.json", {"Origin: http://example.org"}).status, 200);
 }
 
 TEST_F(Protocol, PlanIsKeptAndCoverageCounts) {

@@ -69,17 +69,18 @@ TEST(Command, BadSettingsAreStatusTwo) {
 }
 
 TEST(Command, GlobalOptionsMayStandAnywhere) {
-  for (const char* arguments : {"--set log.level=debug --set gpu.slice_ms=5 config print",
-                                "config --set log.level=debug print --set gpu.slice_ms=5"}) {
+  for (const char* arguments : {"--set log.level=debug --set gpu.frame_cache_mb=64 config print",
+                                "config --set log.level=debug print --set gpu.frame_cache_mb=64"}) {
     const Outcome outcome = overfly(arguments);
     EXPECT_EQ(outcome.status, 0) << outcome.err;
     EXPECT_THAT(outcome.out, HasSubstr("\nlevel = \"debug\"\n"));
-    EXPECT_THAT(outcome.out, HasSubstr("\nslice_ms = 5\n"));
+    EXPECT_THAT(outcome.out, HasSubstr("\nframe_cache_mb = 64\n"));
   }
 }
 
 TEST(Command, EnvironmentReachesTheSettings) {
-  EXPECT_THAT(overfly("config print --json", "OVERFLY_GPU_SLICE_MS=7").out, HasSubstr("\"slice_ms\": 7"));
+  EXPECT_THAT(overfly("config print --json", "OVERFLY_GPU_FRAME_CACHE_MB=77").out,
+              HasSubstr("\"frame_cache_mb\": 77"));
 }
 
 TEST(Command, AFullDiskIsAFailureNotASuccess) {

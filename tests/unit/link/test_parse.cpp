@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
-#include "daemon/link/detail/bundle.h"
+#include "daemon/link/bundle.h"
 #include "daemon/link/detail/parse.h"
 
 namespace overfly::link {

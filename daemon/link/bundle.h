@@ -38,7 +38,18 @@ struct TileRecord {
 // How long the record at the head of `bytes` is; nullopt: not enough bytes yet to tell. BadInput: not a
 // record.
 [[nodiscard]] Result<std::optional<std::size_t>> recordLength(std::string_view bytes);
+// Key, revision, since and until of the record that begins there; nullopt: no head, or not all of it yet.
+[[nodiscard]] std::optional<TileRecord> recordHead(std::string_view bytes);
 // Of exactly one whole record. BadInput: torn or damaged.
 [[nodiscard]] Result<TileRecord> decodeRecord(std::string_view bytes);
+
+// A layer of a tile asked for by name (/bundle?tiles=), as text LAYER/Z/X/Y[+BYTES@REVISION]; x is unwrapped.
+struct WantedTile {
+  tiling::Layer layer = tiling::Layer::Color;
+  geo::TileKey key;
+  std::uint64_t bytes = 0;     // of the record that the client has already ...
+  std::uint64_t revision = 0;  // ... if it is still this revision
+};
+[[nodiscard]] std::string text(const WantedTile& wanted);
 
 }  // namespace overfly::link

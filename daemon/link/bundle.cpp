@@ -1,4 +1,4 @@
-#include "daemon/link/detail/bundle.h"
+#include "daemon/link/bundle.h"
 
 #include <zlib.h>
 
@@ -82,11 +82,8 @@ Result<std::optional<std::size_t>> recordLength(std::string_view bytes) {
   return length;
 }
 
-Result<TileRecord> decodeRecord(std::string_view bytes) {
-  const auto length = recordLength(bytes);
-  if (!length) return tl::unexpected(length.error());
-  const auto damaged = [] { return fail(ErrorCode::BadInput, "a tile record in the bundle is damaged"); };
-  if (*length != bytes.size() || take<std::uint32_t>(bytes, kCrcAt) != checksum(bytes)) return damaged();
+std::optional<TileRecord> recordHead(std::string_view bytes) {
+  if (bytes.size() < kRecordHead || !bytes.starts_with(kMagic)) return std::nullopt;
   TileRecord out;
   out.key = {take<std::uint8_t>(bytes, 4), take<std::int64_t>(bytes, 8), take<std::int64_t>(bytes, 16)};
   out.provisional = (take<std::uint8_t>(bytes, 5) & kProvisional) != 0;
@@ -94,6 +91,15 @@ Result<TileRecord> decodeRecord(std::string_view bytes) {
   out.since = take<std::uint64_t>(bytes, 32);
   out.until = take<std::uint64_t>(bytes, 40);
   out.gsd_m = take<float>(bytes, 56);
+  return out;
+}
+
+Result<TileRecord> decodeRecord(std::string_view bytes) {
+  const auto length = recordLength(bytes);
+  if (!length) return tl::unexpected(length.error());
+  const auto damaged = [] { return fail(ErrorCode::BadInput, "a tile record in the bundle is damaged"); };
+  if (*length != bytes.size() || take<std::uint32_t>(bytes, kCrcAt) != checksum(bytes)) return damaged();
+  TileRecord out = *recordHead(bytes);
   const int layers = take<std::uint16_t>(bytes, 6);
   std::size_t at = kRecordHead;
   for (int i = 0; i < layers; ++i) {
@@ -113,6 +119,13 @@ Result<TileRecord> decodeRecord(std::string_view bytes) {
     out.layers.push_back(std::move(layer));
   }
   if (at != bytes.size()) return damaged();
+  return out;
+}
+
+std::string text(const WantedTile& wanted) {
+  auto out = std::string(tiling::name(wanted.layer)) + "/" + std::to_string(wanted.key.zoom) + "/" +
+             std::to_string(wanted.key.x) + "/" + std::to_string(wanted.key.y);
+  if (wanted.bytes > 0) out += "+" + std::to_string(wanted.bytes) + "@" + std::to_string(wanted.revision);
   return out;
 }
 
