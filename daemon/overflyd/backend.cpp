@@ -9,58 +9,84 @@
 
 namespace overfly::daemon {
 
-std::vector<std::string> missionsIn(const std::filesystem::path& root) {
-  std::vector<std::string> names;
-  std::error_code code;
-  for (const auto& entry : std::filesystem::directory_iterator(root, code))
-    if (std::filesystem::exists(entry.path() / "map.overfly"))
-      names.push_back(entry.path().filename().string());
-  std::sort(names.begin(), names.end());
-  return names;
+namespace {
+
+link::Mission forTheLink(const MissionInfo& mission) {
+  return {mission.name, mission.name, mission.map, mission.started_utc_ns, mission.live, mission.current};
+}
+
+nlohmann::json asJson(const Latency::Summary& latency) {
+  return {{"frames", latency.frames},
+          {"last_s", latency.last},
+          {"median_s", latency.median},
+          {"p95_s", latency.p95}};
+}
+
+}  // namespace
+
+PipelineStatus Backend::status() const {
+  if (const auto pipeline = missions_.current()) return pipeline->status();
+  PipelineStatus none;
+  none.source = "none";
+  none.source_ended = none.idle = true;
+  return none;
 }
 
 std::vector<link::Mission> Backend::missions() const {
   std::vector<link::Mission> missions;
-  for (const std::string& name : missionsIn(root_)) {
-    const bool current = name == mission_;
-    missions.push_back(
-        {name, name, root_ / name / "map.overfly", 0, current && !pipeline_.status().source_ended, current});
-  }
+  for (const MissionInfo& mission : missions_.list()) missions.push_back(forTheLink(mission));
   return missions;
 }
 
+Result<link::Mission> Backend::startMission(const std::string& name) {
+  auto started = missions_.start(name);
+  if (!started) return tl::unexpected(started.error());
+  return forTheLink(*started);
+}
+
+void Backend::interest(const geo::TileKey& key) {
+  if (const auto pipeline = missions_.current()) pipeline->interest(key);
+}
+
 std::string Backend::statusJson() const {
-  const PipelineStatus s = pipeline_.status();
-  nlohmann::json json{{"mission", {{"name", mission_}, {"live", !s.source_ended}}},
-                      {"source", {{"name", s.source}, {"open", s.source_open}, {"ended", s.source_ended}}},
-                      {"frames",
-                       {{"seen", s.seen},
-                        {"mapped", s.mapped},
-                        {"waiting", s.waiting_frames},
-                        {"late_poses", s.late_poses},
-                        {"refused", s.refused}}},
-                      {"tiles", {{"written", s.tiles}, {"waiting_cells", s.waiting_cells}}},
-                      {"lag_s", s.lag_s},
-                      {"first_sight_s", s.first_sight_s},
-                      {"state", s.failed                   ? "failed"
-                                : !s.store_problem.empty() ? "degraded"
-                                : !s.settled               ? "waiting"
-                                : s.idle                   ? "idle"
-                                                           : "mapping"},
-                      {"problem", s.failed ? s.error : s.store_problem},
-                      {"stages_s",
-                       {{"rectify", s.mapper.rectify_s},
-                        {"match_images", s.mapper.match_s},
-                        {"sweep", s.mapper.sweep_s},
-                        {"blend", s.mapper.blend_s},
-                        {"orthophoto", s.mapper.ortho_s}}},
-                      {"cells", {{"swept", s.mapper.cells_swept}, {"finished", s.mapper.cells_finished}}}};
-  if (const capture::LiveSource* live = pipeline_.live()) json["live"] = liveJson(live->status());
+  const PipelineStatus s = status();
+  nlohmann::json json{
+      {"mission", {{"name", missions_.currentName()}, {"live", !s.source_ended}}},
+      {"source", {{"name", s.source}, {"open", s.source_open}, {"ended", s.source_ended}}},
+      {"frames",
+       {{"seen", s.seen},
+        {"mapped", s.mapped},
+        {"waiting", s.waiting_frames},
+        {"late_poses", s.late_poses},
+        {"refused", s.refused}}},
+      {"tiles", {{"written", s.tiles}, {"waiting_cells", s.waiting_cells}}},
+      {"survey", {{"gsd_m", s.gsd_m}, {"area_m2", s.area_m2}}},
+      {"lag_s", s.lag_s},
+      {"latency", {{"provisional", asJson(s.provisional_s)}, {"swept", asJson(s.swept_s)}}},
+      {"state", s.failed                   ? "failed"
+                : !s.store_problem.empty() ? "degraded"
+                : !s.settled               ? "waiting"
+                : s.idle                   ? "idle"
+                                           : "mapping"},
+      {"problem", s.failed ? s.error : s.store_problem},
+      {"stuck", s.stuck},
+      {"stages_s",
+       {{"record", s.record_s},
+        {"rectify", s.mapper.rectify_s},
+        {"match_images", s.mapper.match_s},
+        {"sweep", s.mapper.sweep_s},
+        {"blend", s.mapper.blend_s},
+        {"orthophoto", s.mapper.ortho_s},
+        {"parents", s.parents_s},
+        {"encode", s.encode_s}}},
+      {"cells", {{"seen", s.cells}, {"swept", s.mapper.cells_swept}, {"finished", s.mapper.cells_finished}}}};
+  if (const auto pipeline = missions_.current(); pipeline && pipeline->live() != nullptr)
+    json["live"] = liveJson(pipeline->live()->status());
   return json.dump();
 }
 
 std::string Backend::metricsText() const {
-  const PipelineStatus s = pipeline_.status();
+  const PipelineStatus s = status();
   std::string text;
   const auto metric = [&](const char* name, const char* kind, const char* help, double value) {
     text += fmt::format("# HELP {0} {1}\n# TYPE {0} {2}\n{0} {3}\n", name, help, kind, value);
@@ -74,15 +100,23 @@ std::string Backend::metricsText() const {
   metric("overfly_cells_waiting", "gauge", "cells that wait to be swept",
          static_cast<double>(s.waiting_cells));
   metric("overfly_lag_seconds", "gauge", "age of the oldest frame that is not in its tiles", s.lag_s);
+  metric("overfly_latency_provisional_seconds", "gauge",
+         "shutter to a provisional tile on the link, 95th percentile", s.provisional_s.p95);
+  metric("overfly_latency_swept_seconds", "gauge", "shutter to a swept tile on the link, 95th percentile",
+         s.swept_s.p95);
+  metric("overfly_stages_stuck", "gauge", "stages of the pipeline that do not get on",
+         static_cast<double>(s.stuck.size()));
   metric("overfly_sweep_seconds_total", "counter", "time spent sweeping", s.mapper.sweep_s);
   metric("overfly_orthophoto_seconds_total", "counter", "time spent colouring", s.mapper.ortho_s);
-  if (const capture::LiveSource* live = pipeline_.live()) text += liveMetrics(live->status());
+  if (const auto pipeline = missions_.current(); pipeline && pipeline->live() != nullptr)
+    text += liveMetrics(pipeline->live()->status());
   return text;
 }
 
 link::Health Backend::health() const {
-  const PipelineStatus s = pipeline_.status();
+  const PipelineStatus s = status();
   if (s.failed) return {false, s.error};
+  if (!s.stuck.empty()) return {false, "the " + s.stuck.front() + " stage does not get on"};
   if (!s.store_problem.empty()) return {false, s.store_problem};
   return {};
 }

@@ -1,5 +1,5 @@
 #include <fmt/format.h>
-#include <spdlog/sinks/stdout_sinks.h>
+#include <fmt/ranges.h>
 #include <spdlog/spdlog.h>
 #include <systemd/sd-daemon.h>
 
@@ -7,14 +7,18 @@
 #include <atomic>
 #include <chrono>
 #include <csignal>
+#include <cstdlib>
 #include <ctime>
 #include <optional>
 
+#include "config/description.h"
 #include "config/load.h"
+#include "daemon/cli/daemon_command_line.h"
 #include "daemon/link/link_server.h"
 #include "daemon/overflyd/backend.h"
+#include "daemon/overflyd/log.h"
+#include "daemon/overflyd/missions.h"
 #include "daemon/overflyd/options.h"
-#include "daemon/overflyd/pipeline.h"
 
 namespace {
 
@@ -23,119 +27,163 @@ using namespace overfly;
 constexpr int kFailed = 1;
 constexpr int kBadSettings = 2;
 
+using Arguments = cli::DaemonArguments;
+
 int exitStatus(const Error& error) {
   fmt::print(stderr, "overflyd: {}\n", error.message);
   return error.code == ErrorCode::BadSettings ? kBadSettings : kFailed;
 }
 
-// A mission that was not ended is taken up again; else a new one is named by the time.
-std::string missionIn(const std::filesystem::path& root) {
-  std::error_code code;
-  std::string newest;
-  for (const auto& entry : std::filesystem::directory_iterator(root, code))
-    if (entry.is_directory()) newest = std::max(newest, entry.path().filename().string());
-  if (!newest.empty() && !std::filesystem::exists(root / newest / "ended")) return newest;
-  const std::time_t now = std::time(nullptr);
-  std::tm utc{};
-  gmtime_r(&now, &utc);
-  char name[32];
-  std::strftime(name, sizeof name, "%Y%m%dT%H%M%SZ", &utc);
-  return name;
+tl::expected<config::Loaded, config::Problems> loadSettings(const Arguments& arguments) {
+  const auto file = arguments.config_file.empty()
+                        ? std::nullopt
+                        : std::optional<std::filesystem::path>(arguments.config_file);
+  config::Sources sources = config::installedSources("/etc/overfly", file);
+  sources.overrides = arguments.overrides;
+  return config::load(sources);
 }
 
-// Systemd's watchdog is fed while the pipeline gets on, or has proven that it has nothing to do.
-class Watchdog {
- public:
-  void look(const daemon::Pipeline& pipeline, const daemon::PipelineStatus& status) {
-    const std::uint64_t progress = pipeline.progress();
-    const bool waits_for_frames = !status.settled && status.waiting_frames == 0;
-    if (progress != last_ || status.idle || waits_for_frames) sd_notify(0, "WATCHDOG=1");
-    last_ = progress;
+// SIGHUP: what may change while running changes, what may not is named, and wrong settings change nothing.
+void reload(const Arguments& arguments, config::Settings& settings, gl::GlThread& gl,
+            link::LinkServer& server, daemon::Missions& missions) {
+  sd_notify(0, "RELOADING=1");
+  const auto loaded = loadSettings(arguments);
+  if (!loaded) {
+    spdlog::error("the settings stay as they are: {}", config::errorFrom(loaded.error()).message);
+  } else {
+    std::vector<std::string> taken, later;
+    config::Settings next = settings;
+    for (const config::Key* key : config::differences(settings, loaded->settings)) {
+      if (key->live) key->set(next, key->get(loaded->settings));
+      (key->live ? taken : later).push_back(key->path());
+    }
+    settings = next;
+    daemon::setLogLevel(settings.log.level);
+    gl.setPreviewShare(settings.preview.gpu_share);
+    server.setMaxKbps(settings.link.max_kbps);
+    missions.reload(settings);
+    spdlog::info("settings read again: {}", taken.empty() ? "none has changed that may change while running"
+                                                          : fmt::format("{}", fmt::join(taken, ", ")));
+    if (!later.empty()) spdlog::warn("these count from the next start: {}", fmt::join(later, ", "));
   }
+  sd_notify(0, "READY=1");
+}
 
- private:
-  std::uint64_t last_ = 0;
-};
+// What systemd shows, and its watchdog: fed while every stage gets on or has found that it has nothing to do.
+void report(const daemon::Missions& missions) {
+  static std::string told;
+  std::vector<std::string> stuck;
+  for (const auto& pipeline : missions.running())
+    for (const std::string& stage : pipeline->status().stuck) stuck.push_back(stage);
+  const std::string stages = fmt::format("{}", fmt::join(stuck, ", "));
+  if (stuck.empty()) {
+    sd_notify(0, "WATCHDOG=1");
+  } else if (stages != told) {
+    spdlog::error("stuck: {}; the watchdog is not fed any more", stages);
+  }
+  told = stages;
+  const auto current = missions.current();
+  if (!current) {
+    sd_notify(0, "STATUS=no mission; waiting for one to start");
+    return;
+  }
+  const daemon::PipelineStatus status = current->status();
+  sd_notify(0, fmt::format("STATUS={}: {} frames, {} mapped, {} tiles, lag {:.1f} s{}{}",
+                           missions.currentName(), status.seen, status.mapped, status.tiles, status.lag_s,
+                           status.store_problem.empty() ? "" : "; " + status.store_problem,
+                           stuck.empty() ? "" : "; stuck: " + stages)
+                   .c_str());
+}
 
-int run(const std::optional<std::filesystem::path>& file, const std::vector<std::string>& overrides,
-        bool exit_when_done) {
-  config::Sources sources = config::installedSources("/etc/overfly", file);
-  sources.overrides = overrides;
-  const auto loaded = config::load(sources);
+int run(const Arguments& arguments) {
+  const auto loaded = loadSettings(arguments);
   if (!loaded) return exitStatus(config::errorFrom(loaded.error()));
-  const config::Settings& settings = loaded->settings;
-  spdlog::set_default_logger(spdlog::stderr_logger_mt("overflyd"));
-  spdlog::set_pattern("%l: %v");
-
-  auto source = daemon::makeSource(settings);
-  if (!source) return exitStatus(source.error());
+  config::Settings settings = loaded->settings;
+  daemon::startLog(settings.log.level);
+  daemon::StageHook fault;
+  if (!arguments.fault.empty()) {
+    auto parsed = daemon::parseStageHook(arguments.fault);
+    if (!parsed) return exitStatus(parsed.error());
+    fault = std::move(*parsed);
+    spdlog::warn("a fault is injected for a test: {}", arguments.fault);
+  }
+  const auto make_source = [settings] { return daemon::makeSource(settings); };
+  // A source that this build does not have is found now, not at the first mission.
+  if (const auto source = make_source(); !source) return exitStatus(source.error());
 
   sigset_t signals;
   sigemptyset(&signals);
   for (const int signal : {SIGINT, SIGTERM, SIGHUP}) sigaddset(&signals, signal);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
 
-  const std::filesystem::path root = settings.map.folder;
-  const std::string mission = missionIn(root);
-  daemon::Pipeline pipeline(settings, std::move(*source), root / mission);
-  const auto backend = std::make_shared<daemon::Backend>(root, mission, pipeline);
-  link::LinkServer server(link::optionsFrom(settings.link), backend);
-  pipeline.onCommit([&server] { server.mapChanged(); });
+  // Mesa's own switch; read when the first context is made.
+  if (settings.gpu.software) setenv("LIBGL_ALWAYS_SOFTWARE", "1", 1);
+  auto gl = gl::GlThread::start();
+  if (!gl) return exitStatus(gl.error());
+  (*gl)->setPreviewShare(settings.preview.gpu_share);
+  spdlog::info("GPU: {}", (*gl)->info().renderer);
+
+  std::atomic<link::LinkServer*> shown{nullptr};  // for commits that come before and after the link's time
+  daemon::Missions missions(settings, **gl, make_source, [&shown] {
+    if (link::LinkServer* server = shown) server->mapChanged();
+  });
+  missions.setStageHook(fault);
+  link::LinkOptions link_options = link::optionsFrom(settings.link);
+  link_options.coverage_views = settings.plan.min_views;
+  link::LinkServer server(link_options, std::make_shared<daemon::Backend>(missions));
   if (settings.link.enabled) {
     if (auto ok = server.start(); !ok) return exitStatus(ok.error());
     // The token in the address is for the operator's eyes: it goes to the terminal, not to a log.
     if (!settings.link.require_token || link::isLoopback(settings.link.listen))
       fmt::print("{}\n", server.url());
     std::fflush(stdout);
+    shown = &server;
   }
-  if (auto ok = pipeline.start(); !ok) return exitStatus(ok.error());
+  const auto stop = [&] {
+    shown = nullptr;
+    server.stop();
+    missions.shutDown();
+  };
+  auto live = missions.resume();
+  if (live && !*live && settings.mission.start == config::MissionStart::Boot) {
+    if (auto started = missions.start(); !started) live = tl::unexpected(started.error());
+  }
+  if (!live) {
+    stop();
+    return exitStatus(live.error());
+  }
   sd_notify(0, "READY=1");
 
-  Watchdog watchdog;
   int status_code = 0;
   for (;;) {
     const timespec second{1, 0};
     const int signal = sigtimedwait(&signals, nullptr, &second);
     if (signal == SIGINT || signal == SIGTERM) break;
-    if (signal == SIGHUP) spdlog::warn("SIGHUP: no setting that can change while running has changed");
-    const daemon::PipelineStatus status = pipeline.status();
-    watchdog.look(pipeline, status);
-    sd_notify(0, fmt::format("STATUS={} frames, {} mapped, {} tiles, lag {:.1f} s", status.seen,
-                             status.mapped, status.tiles, status.lag_s)
-                     .c_str());
-    if (status.failed) {
-      status_code = kFailed;
-      break;
-    }
-    if (exit_when_done && status.source_ended && status.idle) break;
+    if (signal == SIGHUP) reload(arguments, settings, **gl, server, missions);
+    report(missions);
+    for (const auto& pipeline : missions.running())
+      if (const daemon::PipelineStatus status = pipeline->status(); status.failed)
+        status_code = status.bad_settings ? kBadSettings : kFailed;
+    if (status_code != 0) break;
+    (void)missions.tidy();
+    if (arguments.exit_when_done && missions.running().empty()) break;
   }
   sd_notify(0, "STOPPING=1");
-  const bool done = pipeline.status().source_ended && pipeline.status().idle;
-  server.stop();
-  pipeline.stop();
-  if (done) {
-    std::FILE* ended = std::fopen((root / mission / "ended").c_str(), "w");
-    if (ended != nullptr) std::fclose(ended);
-  }
+  stop();
   return status_code;
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app("Maps while the drone flies: frames with pose in, tiles out.", "overflyd");
-  std::string file;
-  std::vector<std::string> overrides;
-  bool exit_when_done = false;
-  app.add_option("--config", file, "settings file instead of /etc/overfly/overfly.toml and conf.d");
-  app.add_option("--set", overrides, "section.key=value over all files");
-  app.add_flag("--exit-when-done", exit_when_done, "end when the source has ended and everything is mapped");
+  CLI::App app;
+  cli::DaemonArguments arguments;
+  cli::buildDaemonCommandLine(app, arguments);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     const int code = app.exit(error);
     return code == 0 ? 0 : kBadSettings;
   }
-  return run(file.empty() ? std::nullopt : std::optional<std::filesystem::path>(file), overrides,
-             exit_when_done);
+  return run(arguments);
 }

@@ -1,6 +1,5 @@
 #include "daemon/overflyd/options.h"
 
-#include "capture/geo/geodetic.h"
 #include "capture/replay/replay_source.h"
 #include "daemon/overflyd/live.h"
 #include "render/scene/scene_source.h"
@@ -22,38 +21,10 @@ class NoSource final : public capture::FrameSource {
 
 }  // namespace
 
-tiling::MapperOptions mapperOptions(const config::Settings& settings) {
-  tiling::MapperOptions options;
-  tiling::SweepOptions& sweep = options.sweep;
-  switch (settings.sweep.cost) {
-    case config::MatchingCost::Sad:
-      sweep.cost = tiling::MatchCost::Sad;
-      break;
-    case config::MatchingCost::Ssd:
-      sweep.cost = tiling::MatchCost::Ssd;
-      break;
-    case config::MatchingCost::Zncc:
-      sweep.cost = tiling::MatchCost::Zncc;
-      break;
-    case config::MatchingCost::Census:
-      sweep.cost = tiling::MatchCost::Census;
-      break;
-  }
-  sweep.max_views = settings.sweep.images;
-  sweep.window_radius = settings.sweep.window / 2;
-  sweep.levels = settings.sweep.levels;
-  sweep.regularise = settings.sweep.regularise > 0;
-  sweep.min_score = settings.sweep.min_confidence;
-  options.views.parallax_low = geo::radians(settings.sweep.min_parallax_deg);
-  options.tile_size = settings.map.tile_size;
-  options.hole_texels = settings.sweep.fill ? options.hole_texels : 0;
-  options.frame_cache_bytes = static_cast<std::size_t>(settings.gpu.frame_cache_mb) << 20;
-  return options;
-}
-
 tiling::SchedulerOptions schedulerOptions(const config::Settings& settings) {
   tiling::SchedulerOptions options;
-  options.min_new_frames = settings.clipmap.min_new_frames;
+  options.growth = settings.clipmap.update_gain;
+  options.settle_s = settings.clipmap.settle_s;
   options.max_wait_s = settings.clipmap.max_wait_s;
   options.max_updates_per_s = settings.clipmap.max_updates_per_s;
   return options;

@@ -4,12 +4,10 @@
 #include "capture/frame_source.h"
 #include "config/settings.h"
 #include "tiling/clipmap/scheduler.h"
-#include "tiling/mapping/mapper.h"
 
 namespace overfly::daemon {
 
-// The stages' own options from the settings.
-[[nodiscard]] tiling::MapperOptions mapperOptions(const config::Settings& settings);
+// The scheduler's own options from the settings.
 [[nodiscard]] tiling::SchedulerOptions schedulerOptions(const config::Settings& settings);
 
 // The source that [source] names. Without a path: one that waits for it.

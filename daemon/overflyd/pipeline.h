@@ -1,10 +1,13 @@
 #pragma once
+#include <array>
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <cstdint>
 #include <deque>
 #include <filesystem>
 #include <functional>
+#include <future>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -17,7 +20,10 @@
 #include "capture/frame_source.h"
 #include "capture/live/live_source.h"
 #include "config/settings.h"
+#include "daemon/overflyd/latency.h"
 #include "daemon/overflyd/recorded_frames.h"
+#include "daemon/overflyd/stage.h"
+#include "render/gl/gl_thread.h"
 #include "tiling/clipmap/scheduler.h"
 #include "tiling/mapping/mapper.h"
 #include "tiling/store/store_writer.h"
@@ -33,34 +39,51 @@ struct PipelineStatus {
   std::map<std::string, std::uint64_t> refused;  // by reason
   std::uint64_t late_poses = 0;                  // came after their frames had been refused for lack of them
   std::uint64_t waiting_frames = 0;              // seen, not yet in the index
-  std::uint64_t waiting_cells = 0;
-  std::uint64_t tiles = 0;   // written, updates counted
-  double lag_s = 0;          // age of the oldest frame that is not in the map's tiles yet
-  double first_sight_s = 0;  // of the last frame: from its arrival to its provisional tiles
-  bool settled = false;      // the map's place is known, its file exists
-  bool idle = false;         // nothing to do
-  bool failed = false;       // a stage has given up: `error`
+  std::uint64_t waiting_cells = 0;               // whose frames or surroundings have changed
+  std::uint64_t cells = 0;                       // that some frame sees
+  std::uint64_t tiles = 0;                       // written, updates counted
+  double lag_s = 0;  // age of the oldest work that is due: a frame not in the index, a cell worth a sweep
+  Latency::Summary provisional_s, swept_s;  // from the shutter to a tile on the link, see latency.h
+  bool settled = false;                     // the map's place is known, its file exists
+  bool idle = false;                        // nothing to do
+  bool failed = false;                      // a stage has given up: `error`
+  bool bad_settings = false;                // ... because of settings that somebody has to change
   std::string error;
-  std::string store_problem;  // the disk refuses; kept in memory meanwhile
+  std::string store_problem;       // the disk refuses; kept in memory meanwhile
+  std::vector<std::string> stuck;  // stages that have been silent for longer than kStageSilence
   tiling::MapperStatistics mapper;
+  double record_s = 0, parents_s = 0, encode_s = 0;  // time spent
+  double gsd_m = 0, area_m2 = 0;                     // of the map: texel of level 0; cells that are not empty
 };
 
 // One mission, from the source to the map's file (docs/threads.md): a capture thread, a mapping thread that
-// owns the GL context, an encoding thread, the store's writing thread. Queues are bounded: what does not fit
-// into memory stays recorded on disk and is read again when its turn comes, so that capture never waits
-// and nothing is lost.
+// has its GPU work done by the GL thread, an encoding thread, the store's writing thread. Queues are bounded:
+// what does not fit into memory stays recorded on disk and is read again when its turn comes, so that capture
+// never waits and nothing is lost.
+//
+// Thread rule: start() and stop() from one thread, all else from any.
 class Pipeline {
  public:
-  // `folder`: the mission's; taken up again where an earlier run left it.
+  // `folder`: the mission's; taken up again where an earlier run left it. The GL thread is shared with the
+  // preview and outlives the pipeline.
   Pipeline(const config::Settings& settings, std::unique_ptr<capture::FrameSource> source,
-           std::filesystem::path folder);
+           std::filesystem::path folder, gl::GlThread& gl);
   ~Pipeline();
   Pipeline(const Pipeline&) = delete;
   Pipeline& operator=(const Pipeline&) = delete;
 
+  // Called on the writer's thread after each commit; before start().
+  void onCommit(std::function<void()> listener) { on_commit_ = std::move(listener); }
+  // For tests: what is done to the stages (stage.h); before start().
+  void setStageHook(StageHook hook) { hook_ = std::move(hook); }
   [[nodiscard]] Result<void> start();
-  // Ends all threads within 2 s, with everything committed that was made.
+  // No more frames are taken; what was recorded is mapped to its end, with what the GPU has left.
+  void endSource();
+  // Ends all threads within 2 s, with everything committed that was made; a tile that is under way is put
+  // aside, and made when the mission is taken up again.
   void stop();
+  // Settings that may change while running: cells swept, tiles encoded and frames taken from now on.
+  void reload(const config::Settings& settings);
 
   [[nodiscard]] PipelineStatus status() const;
   // The source, when it is a live one; else null. Lives as long as the pipeline.
@@ -68,10 +91,6 @@ class Pipeline {
   [[nodiscard]] std::filesystem::path mapFile() const { return folder_ / "map.overfly"; }
   // Somebody looks at this tile of the map.
   void interest(const geo::TileKey& key);
-  // Called on the writer's thread after each commit.
-  void onCommit(std::function<void()> listener) { on_commit_ = std::move(listener); }
-  // Counts up whenever a stage gets on; for the watchdog.
-  [[nodiscard]] std::uint64_t progress() const { return progress_; }
 
  private:
   struct Waiting {
@@ -82,47 +101,99 @@ class Pipeline {
   struct Encoding {
     std::vector<tiling::Tile> tiles;
     std::vector<tiling::FrameRecord> frames;
+    std::vector<Latency::Sight> sights;  // of frames that these tiles show first
   };
+  struct Committing {
+    std::future<Result<std::uint64_t>> done;
+    std::vector<Latency::Sight> sights;
+  };
+
+  // A stage's thread: what is thrown ends the pipeline with an error, not the program.
+  void runStage(Stage stage, void (Pipeline::*body)(const std::stop_token&), const std::stop_token& stop);
+  void beat(Stage stage) { hearts_[static_cast<std::size_t>(stage)].beat(); }
+  // Before a piece of work.
+  void begin(Stage stage);
 
   void capture(const std::stop_token& stop);
   void map(const std::stop_token& stop);
   void encode(const std::stop_token& stop);
 
-  // On the mapping thread.
+  // On the capture thread (pipeline.cpp).
+  void takeFrames(const std::stop_token& stop);
+  [[nodiscard]] bool hasRoom();
+
+  // On the mapping thread (pipeline_map.cpp). `work` as one job on the GL thread, which gives way to previews
+  // between the passes of a sweep; waits for it.
+  template <typename Work>
+  auto onGl(const char* name, Work work) {
+    const auto priority = closing_ ? gl::Priority::Background : gl::Priority::Mapping;
+    return gl_.submit(priority, name, [&work](gl::Context&) { return work(); }).get();
+  }
+  void mapUntil(tiling::Mapper& mapper, const std::stop_token& stop);
+  [[nodiscard]] bool takeNext(tiling::Mapper& mapper, Waiting waiting, const std::stop_token& stop);
   [[nodiscard]] Result<void> settle(tiling::Mapper& mapper);
+  [[nodiscard]] Result<tiling::MapStore> makeMap(tiling::Mapper& mapper, tiling::MapGround& ground);
   [[nodiscard]] Result<void> takeFrame(tiling::Mapper& mapper, const Waiting& waiting);
-  [[nodiscard]] Result<void> work(tiling::Mapper& mapper, const tiling::TileJob& job);
+  void balance(tiling::Mapper& mapper);
+  // What the job made differs from before.
+  [[nodiscard]] Result<bool> work(tiling::Mapper& mapper, const tiling::TileJob& job);
+  [[nodiscard]] Result<void> finish(tiling::Mapper& mapper, const geo::TileKey& cell);
   [[nodiscard]] Result<void> makeParentOf(const geo::TileKey& key);
-  void publish(std::vector<tiling::Tile> tiles);
+  void publish(std::vector<tiling::Tile> tiles, std::vector<Latency::Sight> sights);
+  void showProgress(const tiling::Mapper& mapper);
   void refuse(std::uint64_t id, const std::string& reason);
   void takeLatePoses();
   void giveUp(const Error& error);
+  void stopped(const Error& error, const std::stop_token& stop);
 
-  config::Settings settings_;
+  // On the encoding thread (pipeline_encode.cpp).
+  void write(Encoding work, const std::stop_token& stop);
+  void measureCommits();
+  [[nodiscard]] std::string diskProblem();
+  void keepBudget();
+
+  config::Settings settings_;  // mutex_
+  gl::GlThread& gl_;
   std::unique_ptr<capture::FrameSource> source_;
   capture::LiveSource* live_;  // source_, or null
   std::filesystem::path folder_;
   std::unique_ptr<RecordedFrames> recorded_;
-  capture::FlightInfo flight_info_;
   std::function<void()> on_commit_;
+  StageHook hook_;
+  std::array<Heartbeat, kStageNames.size()> hearts_;
+  std::array<std::uint64_t, kStageNames.size()> pieces_{};  // each its stage's own
+  std::atomic<bool> closing_{false};                        // takes no more frames
 
   mutable std::mutex mutex_;
   std::condition_variable_any wake_;
   std::deque<Waiting> frames_;
   std::deque<geo::TileKey> interests_;
   std::deque<Encoding> encoding_;
+  bool writing_ = false;   // the encoding thread holds what has left encoding_
+  bool reloaded_ = false;  // the mapping thread has not seen the settings yet
+  capture::FlightInfo flight_info_;
   PipelineStatus status_;
-  std::atomic<std::uint64_t> progress_{0};
+  Latency provisional_, swept_;
 
   // Of the mapping thread, once settled.
   std::unique_ptr<tiling::Scheduler> scheduler_;
-  std::map<geo::TileKey, std::int64_t> cell_since_ns_;  // arrival of the oldest frame that a cell waits for
+  tiling::ViewSelectionOptions views_;
   std::set<geo::TileKey> seen_cells_;
+  std::map<std::uint64_t, std::int64_t> unswept_;  // shutter times of frames that no swept tile has yet
   std::map<geo::TileKey, std::shared_ptr<const tiling::Tile>> recent_;  // tiles for their parents
   std::deque<geo::TileKey> recent_order_;
   std::vector<Waiting> unsettled_;
-  std::unique_ptr<tiling::StoreWriter> writer_;
+  std::string unsettled_reason_;
+  std::size_t unbalanced_ = 0;                    // frames since the exposures were equalised
+  std::map<geo::TileKey, std::uint32_t> texels_;  // that have colour, by tile of level 0
+  double all_texels_ = 0;
   std::optional<tiling::MapReader> reader_;
+
+  // Of the encoding thread, and of the mapping thread before it has anything to encode.
+  std::unique_ptr<tiling::StoreWriter> writer_;
+  std::deque<Committing> committing_;
+  std::chrono::steady_clock::time_point disk_looked_at_{}, budget_looked_at_{};
+  std::string disk_problem_;
 
   std::vector<std::jthread> threads_;
 };

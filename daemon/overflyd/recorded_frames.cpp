@@ -16,6 +16,8 @@ Result<std::unique_ptr<RecordedFrames>> RecordedFrames::open(const std::filesyst
     // A folder that a kill left before its first frame was whole holds nothing to take up.
     if (!flight) continue;
     frames->first_id_ += flight->size();
+    for (const capture::FlightFrame& entry : flight->frames())
+      frames->earlier_names_.insert(entry.frame.name);
     frames->parts_.push_back(std::move(*flight));
   }
   return frames;
@@ -29,6 +31,7 @@ Result<std::uint64_t> RecordedFrames::record(const capture::Frame& frame, const 
     recorder_.emplace(std::move(*created));
   }
   if (auto ok = recorder_->record(frame); !ok) return tl::unexpected(ok.error());
+  own_names_.push_back(frame.name);
   const std::uint64_t id = first_id_ + recorded_++;
   if (!frame.pose) unposed_[{frame.camera_id, frame.sequence}] = id;
   return id;
@@ -74,6 +77,26 @@ Result<capture::FramePtr> RecordedFrames::load(std::uint64_t id) {
   if (index >= own_read_->size())
     return fail(ErrorCode::NotFound, fmt::format("frame {} is not recorded", id));
   return own_read_->load(index);
+}
+
+std::optional<std::filesystem::path> RecordedFrames::imageOf(std::uint64_t id) const {
+  const std::scoped_lock lock(mutex_);
+  std::optional<std::filesystem::path> path;
+  if (id < first_id_) {
+    std::uint64_t index = id;
+    for (const capture::Flight& part : parts_) {
+      if (index < part.size()) {
+        path = part.at(index).file;
+        break;
+      }
+      index -= part.size();
+    }
+  } else if (id - first_id_ < own_names_.size()) {
+    path = own_ / "images" / own_names_[id - first_id_];
+  }
+  std::error_code code;
+  if (path && !std::filesystem::is_regular_file(*path, code)) path.reset();
+  return path;
 }
 
 void RecordedFrames::close() {

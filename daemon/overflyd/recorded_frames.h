@@ -4,6 +4,7 @@
 #include <map>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -24,6 +25,12 @@ class RecordedFrames {
 
   // Frames of earlier runs.
   [[nodiscard]] std::uint64_t earlier() const { return first_id_; }
+  // What the first run knew of the flight.
+  [[nodiscard]] std::optional<capture::FlightInfo> earlierInfo() const {
+    return parts_.empty() ? std::nullopt : std::optional(parts_.front().info());
+  }
+  // An earlier run has recorded a frame of this name.
+  [[nodiscard]] bool hasEarlier(const std::string& name) const { return earlier_names_.contains(name); }
   // Writes a frame; returns its id. The first call makes this run's folder.
   [[nodiscard]] Result<std::uint64_t> record(const capture::Frame& frame, const capture::FlightInfo& info);
   [[nodiscard]] Result<capture::FramePtr> load(std::uint64_t id);
@@ -31,20 +38,24 @@ class RecordedFrames {
   [[nodiscard]] Result<std::uint64_t> record(const capture::LatePose& late);
   // A raw input; those before the first frame are dropped, as there is no recording yet.
   void record(const capture::RawInput& input);
+  // Where the image of a frame lies, for what keeps the disk's budget.
+  [[nodiscard]] std::optional<std::filesystem::path> imageOf(std::uint64_t id) const;
   void close();
 
  private:
   explicit RecordedFrames(std::filesystem::path folder) : folder_(std::move(folder)) {}
 
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
   std::filesystem::path folder_;
+  std::set<std::string> earlier_names_;
   std::vector<capture::Flight> parts_;  // of earlier runs
   std::uint64_t first_id_ = 0;          // of this run
   std::filesystem::path own_;
   std::optional<capture::FlightRecorder> recorder_;
   std::uint64_t recorded_ = 0;
   std::map<std::pair<std::string, std::uint64_t>, std::uint64_t> unposed_;  // camera and number to id
-  std::optional<capture::Flight> own_read_;                                 // as far as it was read back
+  std::vector<std::string> own_names_;
+  std::optional<capture::Flight> own_read_;  // as far as it was read back
 };
 
 }  // namespace overfly::daemon

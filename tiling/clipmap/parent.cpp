@@ -87,6 +87,7 @@ Tile makeParent(const geo::TileKey& key, const std::array<const Tile*, 4>& child
     bytes(child->confidence, parent.confidence);
     bytes(child->views, parent.views);
     bytes(child->gsd, parent.gsd);
+    bytes(child->angle, parent.angle);
     if (!child->kind.empty()) {
       parent.kind.resize(n, kNoData);
       forQuadrant(parent.size, q, [&](Index out, const std::array<Index, 4>& in) {

@@ -32,24 +32,28 @@ void Scheduler::cover(const PlaneBox& area) {
   if (had_tiles && grown.top_changed) parents_.insert({layout_.levels() - 1, layout_.top()->key()});
 }
 
-void Scheduler::mark(const geo::TileKey& key, double gain, std::int64_t now_ns) {
+void Scheduler::mark(const geo::TileKey& key, double knowledge, std::int64_t now_ns) {
   const auto [it, fresh] = waiting_.try_emplace(key);
   Waiting& waiting = it->second;
   if (fresh) waiting.order = next_order_++;
-  if (waiting.new_frames == 0) waiting.first_ns = now_ns;
-  ++waiting.new_frames;
-  waiting.gain += gain;
+  waiting.knowledge = knowledge;
   waiting.last_ns = now_ns;
+  if (waiting.worth_ns < 0 && isWorth(key, waiting)) waiting.worth_ns = now_ns;
 }
 
 void Scheduler::markDue(const geo::TileKey& key, std::int64_t now_ns) {
   const auto [it, fresh] = waiting_.try_emplace(key);
   if (fresh) {
     it->second.order = next_order_++;
-    it->second.first_ns = it->second.last_ns = now_ns;
+    it->second.last_ns = now_ns;
+    if (const auto made = made_.find(key); made != made_.end()) it->second.knowledge = made->second;
   }
-  it->second.due = true;
+  if (it->second.worth_ns < 0) it->second.worth_ns = now_ns;
 }
+
+void Scheduler::markStale(const geo::TileKey& key, std::int64_t now_ns) { stale_[key].since_ns = now_ns; }
+
+void Scheduler::assumeMade(const geo::TileKey& key, double knowledge) { made_[key] = knowledge; }
 
 void Scheduler::markParent(const geo::TileKey& key) { parents_.insert({layout_.levelOf(key.zoom), key}); }
 
@@ -86,14 +90,36 @@ int Scheduler::interest(const geo::TileKey& key, std::int64_t now_ns) const {
   return std::min(static_cast<int>(value * kInterestClasses), kInterestClasses - 1);
 }
 
-std::int64_t Scheduler::dueTime(const Waiting& waiting) const {
-  const bool enough = waiting.due || waiting.new_frames >= options_.min_new_frames;
-  const std::int64_t by_wait_ns = waiting.first_ns + nanoseconds(options_.max_wait_s);
-  return std::max(waiting.not_before_ns, enough ? waiting.first_ns : by_wait_ns);
+bool Scheduler::isWorth(const geo::TileKey& key, const Waiting& waiting) const {
+  const auto made = made_.find(key);
+  if (made == made_.end()) return waiting.knowledge >= options_.first_knowledge;
+  return waiting.knowledge >= (1 + options_.growth) * made->second;
 }
 
-bool Scheduler::isDue(const Waiting& waiting, std::int64_t now_ns) const {
-  return dueTime(waiting) <= now_ns;
+std::int64_t Scheduler::dueTime(const geo::TileKey& key, const Waiting& waiting, bool spare) const {
+  if (landed_) return waiting.not_before_ns;
+  if (waiting.worth_ns >= 0) return std::max(waiting.not_before_ns, waiting.worth_ns);
+  double wait_s = made_.contains(key) ? options_.settle_s : options_.max_wait_s;
+  if (spare) wait_s = std::min(wait_s, options_.spare_s);
+  return std::max(waiting.not_before_ns, waiting.last_ns + nanoseconds(wait_s));
+}
+
+std::int64_t Scheduler::overdue(std::int64_t now_ns) const {
+  std::int64_t longest = 0;
+  for (const auto& [key, waiting] : waiting_)
+    if (waiting.worth_ns >= 0) longest = std::max(longest, now_ns - waiting.worth_ns);
+  return longest;
+}
+
+std::int64_t Scheduler::dueTime(const Stale& stale) const {
+  const double wait_s = landed_ ? 0 : options_.settle_s;
+  return std::max(stale.not_before_ns, stale.since_ns + nanoseconds(wait_s));
+}
+
+double Scheduler::gainOf(const geo::TileKey& key, const Waiting& waiting) const {
+  const auto made = made_.find(key);
+  if (made == made_.end()) return 1 + waiting.knowledge;  // something instead of nothing comes first
+  return std::max(0.0, waiting.knowledge / std::max(made->second, 1e-6) - 1);
 }
 
 void Scheduler::refill(std::int64_t now_ns) {
@@ -104,35 +130,73 @@ void Scheduler::refill(std::int64_t now_ns) {
   tokens_ns_ = now_ns;
 }
 
-void Scheduler::chooseBatch(std::int64_t now_ns) {
-  refill(now_ns);
-  std::size_t most = static_cast<std::size_t>(std::max(1, options_.batch_tiles));
-  if (options_.max_updates_per_s > 0) most = std::min(most, static_cast<std::size_t>(tokens_));
+void Scheduler::chooseSweeps(std::size_t most, bool spare, std::int64_t now_ns) {
   using Ranked = std::tuple<int, double, std::uint64_t, geo::TileKey>;
   std::vector<Ranked> ranked;
   for (const auto& [key, waiting] : waiting_) {
-    if (running_.contains(key) || !isDue(waiting, now_ns)) continue;
-    const double gain = waiting.gain * halved(now_ns - waiting.last_ns, options_.recency_half_life_s);
+    if (dueTime(key, waiting, spare) > now_ns) continue;
+    const double gain = gainOf(key, waiting) * halved(now_ns - waiting.last_ns, options_.recency_half_life_s);
     ranked.emplace_back(-interest(key, now_ns), -gain, waiting.order, key);
   }
   const std::size_t count = std::min(most, ranked.size());
   std::partial_sort(ranked.begin(), ranked.begin() + static_cast<std::ptrdiff_t>(count), ranked.end());
-  for (std::size_t i = count; i-- > 0;) batch_.push_back(std::get<3>(ranked[i]));
-  if (options_.max_updates_per_s > 0) tokens_ -= static_cast<double>(count);
+  for (std::size_t i = count; i-- > 0;) sweeps_.push_back(std::get<3>(ranked[i]));
+}
+
+void Scheduler::chooseFinishes(std::size_t most, std::int64_t now_ns) {
+  using Ranked = std::tuple<int, std::int64_t, geo::TileKey>;
+  std::vector<Ranked> ranked;
+  for (const auto& [key, stale] : stale_)
+    if (!waiting_.contains(key) && dueTime(stale) <= now_ns)
+      ranked.emplace_back(-interest(key, now_ns), stale.since_ns, key);
+  const std::size_t count = std::min(most, ranked.size());
+  std::partial_sort(ranked.begin(), ranked.begin() + static_cast<std::ptrdiff_t>(count), ranked.end());
+  for (std::size_t i = count; i-- > 0;) finishes_.push_back(std::get<2>(ranked[i]));
+}
+
+void Scheduler::chooseBatch(std::int64_t now_ns) {
+  refill(now_ns);
+  // After the last frame all sweeps come before all finishing: nothing is blended twice.
+  const std::size_t batch = landed_ ? SIZE_MAX : static_cast<std::size_t>(std::max(1, options_.batch_tiles));
+  const bool limited = options_.max_updates_per_s > 0;
+  const std::size_t most = limited ? std::min(batch, static_cast<std::size_t>(tokens_)) : batch;
+  batch_.clear();
+  chooseSweeps(most, false, now_ns);
+  if (sweeps_.empty()) chooseFinishes(batch, now_ns);
+  // A small batch: work that matters more may come at any moment.
+  if (sweeps_.empty() && finishes_.empty())
+    chooseSweeps(std::min<std::size_t>(most, (batch - 1) / 4 + 1), true, now_ns);
+  if (limited) tokens_ -= static_cast<double>(sweeps_.size());
+  batch_.insert(sweeps_.begin(), sweeps_.end());
 }
 
 std::optional<TileJob> Scheduler::next(std::int64_t now_ns) {
-  if (batch_.empty() && running_.empty() && parents_.empty() && running_parents_.empty()) chooseBatch(now_ns);
-  if (!batch_.empty()) {
-    const geo::TileKey key = batch_.back();
-    batch_.pop_back();
-    const Waiting& waiting = waiting_.at(key);
-    const TileJob job{TileJob::Kind::FromFrames, key, waiting.new_frames, waiting.tries};
+  if (sweeps_.empty() && finishes_.empty() && running_.empty() && parents_.empty() &&
+      running_parents_.empty())
+    chooseBatch(now_ns);
+  if (!sweeps_.empty()) {
+    const geo::TileKey key = sweeps_.back();
+    sweeps_.pop_back();
+    const Waiting waiting = waiting_.at(key);
     waiting_.erase(key);
-    running_.emplace(key, job);
+    const TileJob job{TileJob::Kind::Sweep, key, waiting.tries};
+    running_.emplace(key, std::pair(job, waiting));
     return job;
   }
-  if (!running_.empty()) return std::nullopt;  // their parents wait for all of the batch
+  const bool sweeping = std::any_of(running_.begin(), running_.end(), [](const auto& entry) {
+    return entry.second.first.kind == TileJob::Kind::Sweep;
+  });
+  if (sweeping) return std::nullopt;  // the finishing waits for all sweeps of the batch ...
+  if (!finishes_.empty()) {
+    const geo::TileKey key = finishes_.back();
+    finishes_.pop_back();
+    const auto stale = stale_.find(key);
+    const TileJob job{TileJob::Kind::Finish, key, stale == stale_.end() ? 0 : stale->second.tries};
+    if (stale != stale_.end()) stale_.erase(stale);
+    running_.emplace(key, std::pair(job, Waiting{}));
+    return job;
+  }
+  if (!running_.empty()) return std::nullopt;  // ... and the parents for all of it
   return nextParent();
 }
 
@@ -145,7 +209,7 @@ std::optional<TileJob> Scheduler::nextParent() {
   running_parents_.insert(entry);
   const bool top = entry.first == layout_.levels() - 1;
   const auto tries = parent_tries_.find(entry);
-  return TileJob{top ? TileJob::Kind::Top : TileJob::Kind::FromChildren, entry.second, 0,
+  return TileJob{top ? TileJob::Kind::Top : TileJob::Kind::FromChildren, entry.second,
                  tries == parent_tries_.end() ? 0 : tries->second};
 }
 
@@ -157,8 +221,19 @@ void Scheduler::addParentOf(const geo::TileKey& key) {
     parents_.insert({level + 1, layout_.top()->key()});
 }
 
-void Scheduler::done(const TileJob& job, bool changed, std::int64_t) {
-  if (job.kind == TileJob::Kind::FromFrames) {
+void Scheduler::done(const TileJob& job, bool changed, std::int64_t now_ns) {
+  if (job.kind == TileJob::Kind::Sweep) {
+    made_[job.key] = running_.at(job.key).second.knowledge;
+    running_.erase(job.key);
+    finishes_.insert(finishes_.begin(), job.key);
+    for (int dy = -1; dy <= 1; ++dy)
+      for (int dx = -1; dx <= 1; ++dx) {
+        const geo::TileKey key{job.key.zoom, job.key.x + dx, job.key.y + dy};
+        if (changed && made_.contains(key) && !batch_.contains(key)) markStale(key, now_ns);
+      }
+    return;
+  }
+  if (job.kind == TileJob::Kind::Finish) {
     running_.erase(job.key);
   } else {
     std::erase_if(running_parents_, [&](const ParentEntry& entry) { return entry.second == job.key; });
@@ -169,54 +244,69 @@ void Scheduler::done(const TileJob& job, bool changed, std::int64_t) {
 
 void Scheduler::failed(const TileJob& job, std::int64_t now_ns) {
   const int tries = job.tries + 1;
-  if (job.kind == TileJob::Kind::FromFrames) {
+  const std::int64_t not_before_ns = now_ns + nanoseconds(options_.retry_s);
+  if (job.kind == TileJob::Kind::Sweep) {
+    Waiting before = running_.at(job.key).second;
     running_.erase(job.key);
     if (tries >= options_.max_tries) {
       ++dropped_;
-    } else {
-      const auto [it, fresh] = waiting_.try_emplace(job.key);  // not fresh: marked again meanwhile
-      if (fresh) {
-        it->second.order = next_order_++;
-        it->second.first_ns = it->second.last_ns = now_ns;
-      }
-      it->second.new_frames += job.new_frames;
-      it->second.due = true;
-      it->second.tries = tries;
-      it->second.not_before_ns = now_ns + nanoseconds(options_.retry_s);
+      return;
     }
+    if (before.worth_ns < 0) before.worth_ns = now_ns;
+    before.tries = tries;
+    before.not_before_ns = not_before_ns;
+    if (const auto [it, fresh] = waiting_.try_emplace(job.key, before); !fresh) {  // marked again meanwhile
+      if (it->second.worth_ns < 0) it->second.worth_ns = now_ns;
+      it->second.tries = tries;
+      it->second.not_before_ns = not_before_ns;
+    }
+  } else if (job.kind == TileJob::Kind::Finish) {
+    running_.erase(job.key);
+    if (tries >= options_.max_tries) {
+      ++dropped_;
+      return;
+    }
+    stale_[job.key] = {now_ns, tries, not_before_ns};
   } else {
     const auto it = std::find_if(running_parents_.begin(), running_parents_.end(),
                                  [&](const ParentEntry& entry) { return entry.second == job.key; });
-    if (it != running_parents_.end()) {
-      const ParentEntry entry = *it;
-      running_parents_.erase(it);
-      if (tries >= options_.max_tries) {
-        ++dropped_;
-        parent_tries_.erase(entry);
-      } else {
-        parent_tries_[entry] = tries;
-        parents_.insert(entry);
-      }
+    if (it == running_parents_.end()) return;
+    const ParentEntry entry = *it;
+    running_parents_.erase(it);
+    if (tries >= options_.max_tries) {
+      ++dropped_;
+      parent_tries_.erase(entry);
+    } else {
+      parent_tries_[entry] = tries;
+      parents_.insert(entry);
     }
   }
 }
 
 std::optional<std::int64_t> Scheduler::nextDue(std::int64_t now_ns) const {
-  if (!batch_.empty() || (!parents_.empty() && running_.empty() && running_parents_.empty())) return now_ns;
-  if (!running_.empty() || !running_parents_.empty()) return std::nullopt;
-  std::optional<std::int64_t> soonest;
+  const bool runs = !running_.empty() || !running_parents_.empty();
+  if (!sweeps_.empty() || (!runs && (!finishes_.empty() || !parents_.empty()))) return now_ns;
+  if (runs) return std::nullopt;
+  std::optional<std::int64_t> sweep, finish;
   for (const auto& [key, waiting] : waiting_) {
-    const std::int64_t due_ns = std::max(dueTime(waiting), now_ns);
-    if (!soonest || due_ns < *soonest) soonest = due_ns;
+    const std::int64_t due_ns = std::max(dueTime(key, waiting, true), now_ns);
+    if (!sweep || due_ns < *sweep) sweep = due_ns;
   }
-  if (soonest && options_.max_updates_per_s > 0 && tokens_ns_ && tokens_ < 1)
-    soonest = std::max(*soonest, *tokens_ns_ + nanoseconds((1 - tokens_) / options_.max_updates_per_s) + 1);
-  return soonest;
+  for (const auto& [key, stale] : stale_) {
+    if (waiting_.contains(key)) continue;
+    const std::int64_t due_ns = std::max(dueTime(stale), now_ns);
+    if (!finish || due_ns < *finish) finish = due_ns;
+  }
+  if (sweep && options_.max_updates_per_s > 0 && tokens_ns_ && tokens_ < 1)
+    sweep = std::max(*sweep, *tokens_ns_ + nanoseconds((1 - tokens_) / options_.max_updates_per_s) + 1);
+  if (!sweep || !finish) return sweep ? sweep : finish;
+  return std::min(*sweep, *finish);
 }
 
 std::vector<geo::TileKey> Scheduler::unfinishedTiles() const {
-  std::set<geo::TileKey> keys;
+  std::set<geo::TileKey> keys(finishes_.begin(), finishes_.end());
   for (const auto& [key, waiting] : waiting_) keys.insert(key);
+  for (const auto& [key, stale] : stale_) keys.insert(key);
   for (const auto& [key, job] : running_) keys.insert(key);
   return {keys.begin(), keys.end()};
 }

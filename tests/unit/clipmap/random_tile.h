@@ -23,6 +23,7 @@ inline Tile tileFromSeed(const geo::TileKey& key, int size, unsigned seed) {
       tile.views[i] = static_cast<std::uint8_t>(1 + random() % 9);
       tile.kind[i] = static_cast<std::uint8_t>(1U << (random() % 3));
       tile.gsd[i] = static_cast<std::uint8_t>(1 + random() % 255);
+      tile.angle[i] = static_cast<std::uint8_t>(1 + random() % 181);
     }
   }
   tile.frame_set = {seed};

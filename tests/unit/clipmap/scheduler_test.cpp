@@ -30,9 +30,11 @@ PlaneBox boxOf(const TileKey& key) {
   return {a.x(), a.y(), b.x(), b.y()};
 }
 
+// Every mark is worth a sweep.
 SchedulerOptions atOnce() {
   SchedulerOptions options;
-  options.min_new_frames = 1;
+  options.first_knowledge = 0;
+  options.growth = 0;
   return options;
 }
 
@@ -53,7 +55,8 @@ struct Map {
     return true;
   }
   bool make(const TileJob& job, const std::map<TileKey, Tile>& content) {
-    if (job.kind == Kind::FromFrames) return put(job.key, content.at(job.key));
+    if (job.kind == Kind::Sweep) return true;
+    if (job.kind == Kind::Finish) return put(job.key, content.at(job.key));
     std::array<const Tile*, 4> children{};
     const TopTile top_tile{{job.key.zoom + 1, job.key.x, job.key.y}};
     for (int i = 0; i < 4; ++i)
@@ -107,7 +110,7 @@ RC_GTEST_PROP(SchedulerProperty, thePyramidDoesNotDependOnTheOrderOfInsertion, (
     order.push_back(key);
   }
   SchedulerOptions options;
-  options.min_new_frames = small(1, 4);
+  options.first_knowledge = small(0, 3);
   options.batch_tiles = small(1, 8);
   options.max_tries = 1000;
   Scheduler scheduler(kZoom, options);
@@ -130,7 +133,7 @@ RC_GTEST_PROP(SchedulerProperty, thePyramidDoesNotDependOnTheOrderOfInsertion, (
       ++arrived;
       if (arrived == order.size())
         for (const auto& [key, tile] : content)
-          scheduler.mark(key, 0.5, now);  // the frame that makes every tile what it is in the end
+          scheduler.mark(key, 3, now);  // the frame that makes every tile what it is in the end
     }
     if (running.size() < 3)
       if (const auto job = scheduler.next(now)) running.push_back(*job);
@@ -140,12 +143,10 @@ RC_GTEST_PROP(SchedulerProperty, thePyramidDoesNotDependOnTheOrderOfInsertion, (
       running.erase(running.begin() + static_cast<std::ptrdiff_t>(i));
       finish(job);
     }
-    if (arrived == order.size() && running.empty() && scheduler.waitingTiles() == 0 &&
-        scheduler.waitingParents() == 0)
-      break;
+    if (arrived == order.size() && scheduler.idle()) break;
   }
   for (const TileJob& job : running) finish(job);
-  while (scheduler.waitingTiles() + scheduler.waitingParents() > 0) {
+  while (!scheduler.idle()) {
     now += kSecond;
     if (const auto job = scheduler.next(now)) scheduler.done(*job, map.make(*job, content), now);
   }
@@ -173,10 +174,10 @@ TEST(Scheduler, ParentsFollowTheirChildrenOnceABatchAndTheTopIsLast) {
   ASSERT_EQ(scheduler.layout().levels(), 4);
   for (int x = 0; x < 8; ++x) scheduler.mark({kZoom, x, 3}, 1, 0);
   std::vector<int> levels;
-  std::map<TileKey, int> times;
+  std::map<std::pair<Kind, TileKey>, int> times;
   for (const TileJob& job : drain(scheduler, 0)) {
-    levels.push_back(kZoom - job.key.zoom);
-    EXPECT_EQ(++times[job.key], 1);
+    if (job.kind != Kind::Sweep) levels.push_back(kZoom - job.key.zoom);
+    EXPECT_EQ(++times[std::pair(job.kind, job.key)], 1);
     EXPECT_EQ(job.kind == Kind::Top, kZoom - job.key.zoom == 3);
   }
   EXPECT_THAT(levels, ElementsAre(0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 3));
@@ -192,22 +193,26 @@ TEST(Scheduler, ParentsAreMadeThoughFramesNeverStop) {
     for (int k = 0; k < 3; ++k) scheduler.mark({kZoom, (7 * i + k) % 32, i % 32}, 1, i);
     const auto job = scheduler.next(i);
     ASSERT_TRUE(job);
-    parents += job->kind == Kind::FromFrames ? 0 : 1;
+    parents += job->kind == Kind::FromChildren || job->kind == Kind::Top ? 1 : 0;
     scheduler.done(*job, true, i);
   }
   EXPECT_GT(parents, 30);
 }
 
-TEST(Scheduler, AParentWaitsForTheRunningTilesBeneathIt) {
+TEST(Scheduler, FinishingWaitsForTheSweepsOfTheBatchAndAParentForTheFinishing) {
   Scheduler scheduler(kZoom, atOnce());
   scheduler.cover({0, 0, std::ldexp(3.5, -kZoom), std::ldexp(3.5, -kZoom)});
   scheduler.mark({kZoom, 0, 0}, 1, 0);
   scheduler.mark({kZoom, 1, 0}, 1, 0);
-  const auto a = scheduler.next(0), b = scheduler.next(0);
-  ASSERT_TRUE(a && b);
-  scheduler.done(*a, true, 0);
-  EXPECT_FALSE(scheduler.next(0));
-  scheduler.done(*b, true, 0);
+  for (const Kind kind : {Kind::Sweep, Kind::Finish}) {
+    const auto a = scheduler.next(0), b = scheduler.next(0);
+    ASSERT_TRUE(a && b);
+    EXPECT_EQ(a->kind, kind);
+    EXPECT_EQ(b->kind, kind);
+    scheduler.done(*a, true, 0);
+    EXPECT_FALSE(scheduler.next(0));
+    scheduler.done(*b, true, 0);
+  }
   EXPECT_EQ(scheduler.next(0)->key, (TileKey{kZoom - 1, 0, 0}));
 }
 
@@ -216,37 +221,117 @@ TEST(Scheduler, AnUnchangedTileLeavesItsParentsAlone) {
   scheduler.cover({0, 0, std::ldexp(3.5, -kZoom), std::ldexp(3.5, -kZoom)});
   scheduler.mark({kZoom, 0, 0}, 1, 0);
   scheduler.done(*scheduler.next(0), false, 0);
+  scheduler.done(*scheduler.next(0), false, 0);
   EXPECT_FALSE(scheduler.next(0));
+  EXPECT_TRUE(scheduler.idle());
 }
 
-// 3.2.5: a number of new frames, or a time.
-TEST(Scheduler, ATileWaitsForEnoughFramesOrTime) {
+// Sweeps whatever is due, without its finishing's and parents' effects on what is due.
+std::vector<TileKey> sweptAt(Scheduler& scheduler, std::int64_t now) {
+  std::vector<TileKey> keys;
+  for (const TileJob& job : drain(scheduler, now))
+    if (job.kind == Kind::Sweep) keys.push_back(job.key);
+  return keys;
+}
+
+// First when the views tell enough, again when they tell much more, at last when no frame has come for long.
+TEST(Scheduler, ACellIsSweptWhenItIsWorthIt) {
   SchedulerOptions options;
-  options.min_new_frames = 3;
+  options.first_knowledge = 1.5;
+  options.growth = 0.5;
   options.max_wait_s = 5;
+  options.settle_s = options.spare_s = 20;
   Scheduler scheduler(kZoom, options);
   scheduler.cover({0, 0, std::ldexp(3.5, -kZoom), std::ldexp(3.5, -kZoom)});
-  scheduler.mark({kZoom, 0, 0}, 1, 0);
-  scheduler.mark({kZoom, 0, 0}, 1, kSecond);
-  EXPECT_FALSE(scheduler.next(2 * kSecond));
+  const TileKey key{kZoom, 0, 0};
+  scheduler.mark(key, 1.0, 0);
+  EXPECT_THAT(sweptAt(scheduler, 2 * kSecond), IsEmpty());
   EXPECT_EQ(scheduler.nextDue(2 * kSecond), 5 * kSecond);
-  scheduler.mark({kZoom, 0, 0}, 1, 3 * kSecond);
+  scheduler.mark(key, 1.6, 3 * kSecond);
   EXPECT_EQ(scheduler.nextDue(3 * kSecond), 3 * kSecond);
-  const auto job = scheduler.next(3 * kSecond);
+  EXPECT_THAT(sweptAt(scheduler, 3 * kSecond), ElementsAre(key));
+  scheduler.mark(key, 2.39, 4 * kSecond);
+  EXPECT_THAT(sweptAt(scheduler, 4 * kSecond), IsEmpty());
+  scheduler.mark(key, 2.41, 5 * kSecond);
+  EXPECT_THAT(sweptAt(scheduler, 5 * kSecond), ElementsAre(key));
+  scheduler.mark(key, 2.5, 6 * kSecond);
+  EXPECT_THAT(sweptAt(scheduler, 25 * kSecond), IsEmpty());
+  EXPECT_EQ(scheduler.nextDue(25 * kSecond), 26 * kSecond);
+  EXPECT_THAT(sweptAt(scheduler, 26 * kSecond), ElementsAre(key));
+  EXPECT_TRUE(scheduler.idle());
+}
+
+TEST(Scheduler, ACellThatFewFramesSeeIsSweptWithThemAfterAWhile) {
+  SchedulerOptions options;
+  options.max_wait_s = 5;
+  options.spare_s = 100;
+  Scheduler scheduler(kZoom, options);
+  scheduler.cover({0, 0, std::ldexp(3.5, -kZoom), std::ldexp(3.5, -kZoom)});
+  scheduler.mark({kZoom, 0, 0}, 0.4, 0);
+  EXPECT_THAT(sweptAt(scheduler, 5 * kSecond - 1), IsEmpty());
+  EXPECT_THAT(sweptAt(scheduler, 5 * kSecond), ElementsAre(TileKey{kZoom, 0, 0}));
+}
+
+TEST(Scheduler, AMachineWithTimeToSpareDoesNotWaitForSettlement) {
+  SchedulerOptions options;
+  options.settle_s = 60;
+  options.spare_s = 4;
+  Scheduler scheduler(kZoom, options);
+  scheduler.cover({0, 0, std::ldexp(3.5, -kZoom), std::ldexp(3.5, -kZoom)});
+  scheduler.assumeMade({kZoom, 0, 0}, 2);
+  scheduler.mark({kZoom, 0, 0}, 2.1, 0);
+  scheduler.mark({kZoom, 3, 3}, 2, 4 * kSecond);
+  const auto first = scheduler.next(4 * kSecond);
+  ASSERT_TRUE(first);
+  EXPECT_EQ(first->key, (TileKey{kZoom, 3, 3}));  // what is worth it comes first
+  scheduler.done(*first, true, 4 * kSecond);
+  EXPECT_THAT(sweptAt(scheduler, 4 * kSecond), ElementsAre(TileKey{kZoom, 0, 0}));
+}
+
+TEST(Scheduler, AfterLandingNothingIsWaitedFor) {
+  Scheduler scheduler(kZoom, {});
+  scheduler.cover({0, 0, std::ldexp(3.5, -kZoom), std::ldexp(3.5, -kZoom)});
+  scheduler.mark({kZoom, 0, 0}, 0.1, 0);
+  EXPECT_FALSE(scheduler.next(0));
+  scheduler.setLanded(true);
+  EXPECT_THAT(sweptAt(scheduler, 0), ElementsAre(TileKey{kZoom, 0, 0}));
+}
+
+// A frame that comes while a cell is swept counts for the next time, and a cell is not made twice at once.
+TEST(Scheduler, AFrameThatComesDuringTheSweepIsNotForgotten) {
+  Scheduler scheduler(kZoom, atOnce());
+  scheduler.cover({0, 0, std::ldexp(3.5, -kZoom), std::ldexp(3.5, -kZoom)});
+  scheduler.mark({kZoom, 0, 0}, 1, 0);
+  const auto job = scheduler.next(0);
   ASSERT_TRUE(job);
-  EXPECT_EQ(job->new_frames, 3);
-  // A frame that comes while it is made starts to count anew, and it is not made twice at once.
-  scheduler.mark({kZoom, 0, 0}, 1, 4 * kSecond);
-  EXPECT_FALSE(scheduler.next(20 * kSecond));
-  scheduler.done(*job, true, 20 * kSecond);
-  for (const TileJob& parent : drain(scheduler, 4 * kSecond)) EXPECT_NE(parent.kind, Kind::FromFrames);
-  EXPECT_EQ(scheduler.nextDue(4 * kSecond), 9 * kSecond);
-  EXPECT_EQ(scheduler.next(9 * kSecond)->key, job->key);
+  scheduler.mark({kZoom, 0, 0}, 1.5, kSecond);
+  EXPECT_FALSE(scheduler.next(kSecond));
+  scheduler.done(*job, true, kSecond);
+  EXPECT_THAT(sweptAt(scheduler, kSecond), ElementsAre(job->key));
+}
+
+// New heights beside a cell change its blended rim: it is finished again, but not swept, and not at once.
+TEST(Scheduler, NeighboursOfASweptCellAreFinishedAgainLater) {
+  SchedulerOptions options = atOnce();
+  options.settle_s = 4;
+  Scheduler scheduler(kZoom, options);
+  scheduler.cover({0, 0, std::ldexp(7.5, -kZoom), std::ldexp(7.5, -kZoom)});
+  const TileKey a{kZoom, 1, 1}, b{kZoom, 2, 2}, far{kZoom, 6, 6};
+  scheduler.mark(a, 1, 0);
+  scheduler.mark(far, 1, 0);
+  (void)drain(scheduler, 0);
+  scheduler.mark(b, 1, kSecond);
+  (void)drain(scheduler, kSecond);
+  EXPECT_EQ(scheduler.nextDue(kSecond), 5 * kSecond);
+  std::vector<std::pair<Kind, TileKey>> made;
+  for (const TileJob& job : drain(scheduler, 5 * kSecond))
+    if (job.kind == Kind::Sweep || job.kind == Kind::Finish) made.emplace_back(job.kind, job.key);
+  EXPECT_THAT(made, ElementsAre(std::pair(Kind::Finish, a)));
 }
 
 TEST(Scheduler, ACorrectedTileIsDueAtOnce) {
   SchedulerOptions options;
-  options.min_new_frames = 10;
+  options.first_knowledge = 10;
   Scheduler scheduler(kZoom, options);
   scheduler.cover({0, 0, std::ldexp(3.5, -kZoom), std::ldexp(3.5, -kZoom)});
   scheduler.markDue({kZoom, 1, 1}, 7);
@@ -262,8 +347,8 @@ TEST(Scheduler, UpdatesPerSecondAreLimited) {
   int made = 0;
   for (int ms = 0; ms < 4000; ms += 10) {
     const std::int64_t now = ms * (kSecond / 1000);
-    for (int k = 0; k < 3; ++k) scheduler.mark({kZoom, (ms / 10 * 3 + k) % 64, (ms / 640) % 64}, 1, now);
-    for (const TileJob& job : drain(scheduler, now)) made += job.kind == Kind::FromFrames ? 1 : 0;
+    for (int k = 0; k < 3; ++k) scheduler.mark({kZoom, (ms / 10 * 3 + k) % 64, (ms / 640) % 64}, 1 + ms, now);
+    for (const TileJob& job : drain(scheduler, now)) made += job.kind == Kind::Sweep ? 1 : 0;
     if (scheduler.waitingTiles() > 0) {
       const auto due = scheduler.nextDue(now);
       ASSERT_TRUE(due);
@@ -335,9 +420,11 @@ TEST(Scheduler, WhatIsUnfinishedCanBeTakenUpAgain) {
   const PlaneBox area{0, 0, std::ldexp(7.5, -kZoom), std::ldexp(7.5, -kZoom)};
   scheduler.cover(area);
   for (int x = 0; x < 3; ++x) scheduler.mark({kZoom, 2 * x, 0}, 1, 0);
+  for (int i = 0; i < 3; ++i) scheduler.done(*scheduler.next(0), true, 0);  // sweeps
   scheduler.done(*scheduler.next(0), true, 0);
   const auto running = scheduler.next(0);
   ASSERT_TRUE(running);
+  EXPECT_EQ(running->kind, Kind::Finish);
   EXPECT_EQ(scheduler.unfinishedTiles().size(), 2u);
   EXPECT_EQ(scheduler.unfinishedParents().size(), 1u);
 
