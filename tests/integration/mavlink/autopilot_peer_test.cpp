@@ -73,7 +73,7 @@ void flyWithPeer(int port, bool with_signatures) {
 
   ASSERT_TRUE(eventually([&] {
     const AutopilotStatus status = autopilot.status();
-    return status.telemetry.poses > 60 && status.telemetry.clock_paired &&
+    return status.telemetry.poses > 150 && status.telemetry.clock_paired &&
            status.events.contains("commands answered") && status.events.at("commands answered") >= 10;
   })) << autopilot.status().problem;
   Frame frame;

@@ -6,7 +6,8 @@ import { mavlink, messageOf, registry } from './messages.js'
 for await (const line of createInterface({ input: process.stdin })) {
   const { id, system, component, sequence, fields } = JSON.parse(line)
   const message = messageOf(id, fields)
-  const v1 = new mavlink.MavLinkProtocolV1(system, component).serialize(message, sequence)
+  // Version 1 has one byte for a message's number.
+  const v1 = id < 256 ? new mavlink.MavLinkProtocolV1(system, component).serialize(message, sequence) : Buffer.alloc(0)
   const v2 = new mavlink.MavLinkProtocolV2(system, component).serialize(message, sequence)
   const type = registry[id]
   console.log(JSON.stringify({
