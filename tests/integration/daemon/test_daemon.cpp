@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <sys/socket.h>
-#include <sys/stat.h>
 #include <sys/un.h>
 #include <unistd.h>
 
@@ -254,25 +253,6 @@ TEST_F(Daemon, TheWatchdogIsFedByProgressAndByIdlenessButNotBesideAStuckStage) {
     ASSERT_EQ(daemon.wait(240s), 0) << daemon.log();
     expectWhole(daemon.missions() / daemon.missionNames()[0]);
   }
-}
-
-TEST_F(Daemon, TellsTheJournalTheLevelOfEachLine) {
-  DaemonProcess daemon(0, "[log]\nlevel = \"debug\"\n");
-  // The log file stands in for the journal's pipe: it is known by device and inode.
-  std::ofstream(daemon.folder() / "log").flush();
-  struct stat file {};
-  ASSERT_EQ(stat((daemon.folder() / "log").c_str(), &file), 0);
-  const fs::path kept = daemon.folder() / "kept";
-  fs::create_hard_link(daemon.folder() / "log", kept);
-  const Outcome outcome =
-      shell(fmt::format("JOURNAL_STREAM={}:{} {} --config {} --set source.path=/nowhere 2>>{}", file.st_dev,
-                        file.st_ino, OVERFLYD, daemon.settingsFile().string(), kept.string()));
-  std::ifstream in(kept);
-  const std::string text{std::istreambuf_iterator<char>(in), {}};
-  EXPECT_EQ(outcome.status, 1);
-  EXPECT_THAT(text, HasSubstr("<6>"));
-  EXPECT_THAT(text, HasSubstr("<3>"));
-  EXPECT_THAT(text, Not(HasSubstr("error:")));
 }
 
 TEST_F(Daemon, WrongSettingsEndItForGood) {

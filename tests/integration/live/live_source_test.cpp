@@ -82,7 +82,7 @@ TEST(LiveFlight, TheCamerasDelayIsTakenOff) {
   options.mount.delay_ns = -40 * kMs;
   Flight set(options);
   set.flyFrames(25);
-  EXPECT_LT(set.medianError(10), 0.06);
+  EXPECT_LT(set.medianError(10), 0.1);
   RecordProperty("error_without_m", std::to_string(raw.medianError(10)));
   RecordProperty("error_with_m", std::to_string(set.medianError(10)));
   for (const FramePtr& frame : set.frames) {
@@ -98,7 +98,7 @@ TEST(LiveFlight, PulsesFindTheDelayThemselves) {
   options.pulses = PulsesFrom::Gpio;
   Flight flight(options);
   flight.flyFrames(40);
-  EXPECT_LT(flight.medianError(20), 0.06);
+  EXPECT_LT(flight.medianError(20), 0.1);
   const LiveStatus status = flight.source->status();
   ASSERT_TRUE(status.lag);
   EXPECT_NEAR(static_cast<double>(status.lag->ns), 40.5e6, 1.5e6);

@@ -123,7 +123,8 @@ TEST(LossyLink, PullEndsWithExactlyTheDronesTilesAtMostOfTheRate) {
   EXPECT_LE(again, std::max<std::uint64_t>(1, reconnects) * size.largest);
   const double light_s = wall_s - dark_s;
   const double goodput = static_cast<double>(size.bytes) * 8 / light_s / quality.bits_per_s;
-  EXPECT_GE(goodput, 0.7);
+  // The short form shares its processors with other tests; the full one has them to itself.
+  EXPECT_GE(goodput, full ? 0.7 : 0.5);
   EXPECT_LE(overview_bytes, 100'000u);
   EXPECT_GT(overview_bytes, 0u);
   fmt::print(
