@@ -309,11 +309,21 @@ SectionInfo describeQuality() {
 SectionInfo describeAdjust() {
   SectionTable t("adjust", &Settings::adjust, "Pose adjustment in flight.");
   t.key("mode", &Adjust::mode, choices<AdjustMode>({"off", "auto", "always"}),
-        "auto leaves poses alone that came adjusted, always adjusts them too");
-  t.key("window_frames", &Adjust::window_frames, Range{3, 500}, "frames that are adjusted together");
-  t.key("features", &Adjust::features, Range{100, 20000}, "features found per frame");
+        "auto leaves poses alone that came adjusted, always starts from what the device recorded, off takes "
+        "every pose as it comes");
+  t.key("window_frames", &Adjust::window_frames, Range{3, 500},
+        "newest frames that are adjusted together with each new one");
+  t.key("memory_frames", &Adjust::memory_frames, Range{50, 10000},
+        "frames whose features are kept for later legs and the adjustment after landing, 1.5 MB each");
+  t.key("features", &Adjust::features, Range{100, 20000}, "features kept per frame");
   t.key("max_reprojection_px", &Adjust::max_reprojection_px, Range{0.1, 50},
         "matches that fit worse are dropped");
+  t.key("max_wait_s", &Adjust::max_wait_s, Range{0, 3600},
+        "a frame waits at most so long for its neighbours before it is mapped");
+  t.key("remake_px", &Adjust::remake_px, Range{0.1, 100},
+        "a frame that moves by more than this on the ground is mapped again");
+  t.key("keep_profile", &Adjust::keep_profile,
+        "a calibrated lens is kept beside the missions, and the next flight starts from it");
   return t.take();
 }
 

@@ -170,9 +170,13 @@ struct Quality {
 enum class AdjustMode { Off, Auto, Always };
 struct Adjust {
   AdjustMode mode = AdjustMode::Auto;
-  int window_frames = 20;
-  int features = 2000;
-  double max_reprojection_px = 2;
+  int window_frames = 8;
+  int memory_frames = 250;
+  int features = 2500;
+  double max_reprojection_px = 4;
+  double max_wait_s = 10;
+  double remake_px = 2;
+  bool keep_profile = true;
 };
 
 enum class LogLevel { Trace, Debug, Info, Warning, Error };

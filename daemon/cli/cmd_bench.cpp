@@ -13,8 +13,10 @@
 #include "daemon/tradeoff/codec_trials.h"
 #include "daemon/tradeoff/flight_reference.h"
 #include "daemon/tradeoff/precision_trials.h"
+#include "daemon/tradeoff/preview_trials.h"
 #include "daemon/tradeoff/report.h"
 #include "daemon/tradeoff/sweep_trials.h"
+#include "tiling/mapping/mapper_settings.h"
 
 namespace overfly::cli {
 namespace {
@@ -25,7 +27,7 @@ struct Arguments {
   std::vector<std::string> flights, scenes;
   std::string output, table;
   int repeats = 0, frames = 0;
-  bool quick = false, sweep_only = false;
+  bool quick = false, sweep_only = false, points_only = false;
 };
 
 constexpr std::size_t kTruthPoints = 4000;
@@ -62,18 +64,25 @@ class Steps {
   std::unique_ptr<Progress> progress_;
 };
 
-// All tiles of a flight at the default settings: what the codecs are tried on.
-Result<std::map<geo::TileKey, tiling::Tile>> tilesOf(gl::Context& context, const capture::Flight& flight) {
+// A flight's map at the default settings: what the codecs and the preview are tried on.
+struct MadeMap {
   std::map<geo::TileKey, tiling::Tile> tiles;
+  tiling::MapGround ground;
+};
+Result<MadeMap> mapOf(gl::Context& context, const capture::Flight& flight) {
+  MadeMap made;
   tiling::BatchEvents events;
   events.tile = [&](tiling::Tile&& tile) -> Result<void> {
     const geo::TileKey key = tile.key;
-    tiles.insert_or_assign(key, std::move(tile));
+    made.tiles.insert_or_assign(key, std::move(tile));
     return {};
   };
-  if (auto mapped = tiling::mapFlight(context, flight, {}, events); !mapped)
-    return tl::unexpected(mapped.error());
-  return tiles;
+  tiling::BatchOptions options;
+  options.mapper = tiling::mapperOptions({});
+  auto mapped = tiling::mapFlight(context, flight, options, events);
+  if (!mapped) return tl::unexpected(mapped.error());
+  made.ground = mapped->ground;
+  return made;
 }
 
 void append(std::vector<tradeoff::Trial>& to, std::vector<tradeoff::Trial> from) {
@@ -86,6 +95,7 @@ std::string commandOf(const Arguments& a) {
   for (const std::string& scene : a.scenes) command += " --scene " + scene;
   if (a.quick) command += " --quick";
   if (a.sweep_only) command += " --sweep-only";
+  if (a.points_only) command += " --points-only";
   if (a.repeats > 0) command += fmt::format(" --repeats {}", a.repeats);
   if (a.frames > 0) command += fmt::format(" --frames {}", a.frames);
   return command + " -o " + fs::path(a.output).filename().string();
@@ -97,7 +107,9 @@ Result<int> tradeoffReport(const Arguments& a, const Context& context) {
   const int repeats = a.repeats > 0 ? a.repeats : a.quick ? 1 : 3;
   auto gl_context = gl::Context::create();
   if (!gl_context) return tl::unexpected(gl_context.error());
-  const auto settings = tradeoff::sweepSettings(a.quick);
+  auto settings = tradeoff::sweepSettings(a.quick);
+  const bool sweep_only = a.sweep_only || a.points_only;
+  if (a.points_only) std::erase_if(settings, [](const auto& setting) { return !setting.point; });
   const ScratchFolder scratch;
   tradeoff::Report report;
   report.command = commandOf(a);
@@ -105,13 +117,13 @@ Result<int> tradeoffReport(const Arguments& a, const Context& context) {
                     {"driver", gl_context->info().version},
                     {"processors", std::to_string(std::thread::hardware_concurrency())},
                     {"repeats", fmt::format("{}, after one run to warm up", repeats)}};
-  std::vector<daemon::OperatingPoint> points;
+  std::vector<std::vector<daemon::OperatingPoint>> points;  // by flight
 
   const auto sweepOn = [&](tradeoff::FlightReference reference) -> Result<tradeoff::ReportSection*> {
     Steps steps("sweep of " + reference.name);
     auto swept = tradeoff::trySweep(*gl_context, reference, settings, repeats, std::ref(steps));
     if (!swept) return tl::unexpected(swept.error());
-    if (points.empty()) points = swept->points;
+    points.push_back(std::move(swept->points));
     report.sections.push_back({reference.name, reference.reference, std::move(swept->trials)});
     return &report.sections.back();
   };
@@ -121,18 +133,22 @@ Result<int> tradeoffReport(const Arguments& a, const Context& context) {
     const capture::Flight flight = reference->flight;
     auto section = sweepOn(std::move(*reference));
     if (!section) return tl::unexpected(section.error());
-    if (a.sweep_only) continue;
+    if (sweep_only) continue;
     Steps steps("adjustment");
     auto adjusted = tradeoff::tryAdjustment(folder, a.quick, std::ref(steps));
     if (adjusted)
       append((*section)->trials, std::move(*adjusted));
     else if (adjusted.error().code != ErrorCode::NotFound)
       return tl::unexpected(adjusted.error());
-    auto tiles = tilesOf(*gl_context, flight);
-    if (!tiles) return tl::unexpected(tiles.error());
-    auto coded = tradeoff::tryCodecs(*tiles, repeats);
+    auto map = mapOf(*gl_context, flight);
+    if (!map) return tl::unexpected(map.error());
+    auto coded = tradeoff::tryCodecs(map->tiles, repeats);
     if (!coded) return tl::unexpected(coded.error());
     append((*section)->trials, std::move(*coded));
+    auto drawn = tradeoff::tryPreview(*gl_context, map->tiles, map->ground,
+                                      tiling::mapperOptions({}).tile_size, a.quick ? 640 : 1280, repeats);
+    if (!drawn) return tl::unexpected(drawn.error());
+    append((*section)->trials, std::move(*drawn));
   }
   for (const std::string& scene : a.scenes) {
     auto reference = tradeoff::simulatedReference(scene, scratch.path() / fs::path(scene).stem(),
@@ -143,14 +159,14 @@ Result<int> tradeoffReport(const Arguments& a, const Context& context) {
     if (!reference) return tl::unexpected(reference.error());
     if (auto section = sweepOn(std::move(*reference)); !section) return tl::unexpected(section.error());
   }
-  if (!a.sweep_only) {
+  if (!sweep_only) {
     auto precise = tradeoff::tryPrecision(*gl_context, repeats);
     if (!precise) return tl::unexpected(precise.error());
     report.sections.push_back({"Arithmetic", "the exact projection, in double", std::move(*precise)});
   }
   if (auto written = tradeoff::writeReport(report, a.output); !written)
     return tl::unexpected(written.error());
-  auto table = daemon::OperatingTable::make(points);
+  auto table = daemon::OperatingTable::make(tradeoff::combined(points));
   if (!table) return tl::unexpected(table.error());
   if (!a.table.empty()) {
     std::ofstream file(a.table, std::ios::binary);
@@ -189,13 +205,16 @@ void build(CLI::App& command, Context& context) {
   app->add_option("-o,--output", arguments->output, "folder for report.html, tradeoff.csv, tradeoff.json")
       ->required();
   app->add_option("--table", arguments->table,
-                  "also write the governor's table of operating points (first flight)");
+                  "also write the governor's table of operating points, its errors and times the means over "
+                  "all flights");
   app->add_option("--repeats", arguments->repeats, "runs of every setting; default 3, with --quick 1")
       ->check(CLI::Range(1, 100));
   app->add_option("--frames", arguments->frames, "only the first frames of a scene; 0: all")
       ->check(CLI::Range(0, 100000));
   app->add_flag("--quick", arguments->quick, "fewer settings, one run each");
-  app->add_flag("--sweep-only", arguments->sweep_only, "no adjustment, codecs and arithmetic");
+  app->add_flag("--sweep-only", arguments->sweep_only, "no adjustment, codecs, preview and arithmetic");
+  app->add_flag("--points-only", arguments->points_only,
+                "only the settings of the sweep that the governor may choose");
   context.onRun(*app, [arguments, &context]() -> Result<int> { return tradeoffReport(*arguments, context); });
   command.require_subcommand(1);
 }

@@ -54,6 +54,13 @@ void printSummary(const json& status, double wall_s, double after_s) {
                numberAt(status, (path + "/median_s").c_str()), numberAt(status, (path + "/p95_s").c_str()),
                what);
   }
+  if (status.contains("quality") && status["quality"].is_object()) {
+    const json& quality = status["quality"];
+    fmt::print(
+        "quality {}: point {:.0f} of {:.0f} at the end, {:.0f} changes, {:.0f} cells left to improve\n",
+        quality.value("mode", "?"), numberAt(quality, "/index"), numberAt(quality, "/points"),
+        numberAt(quality, "/changes"), numberAt(quality, "/to_improve"));
+  }
   std::vector<std::pair<double, std::string>> stages;
   if (status.contains("stages_s"))
     for (const auto& [name, seconds] : status["stages_s"].items())

@@ -9,6 +9,8 @@ namespace {
 constexpr double kNever = -std::numeric_limits<double>::infinity();
 // A device's speed is learned by an exponential average over about this many cells.
 constexpr double kLearning = 1.0 / 12;
+// The other work comes in bursts (a batch's colours after its sweeps): averaged over about this many cells.
+constexpr double kForgetting = 1.0 / 40;
 // Shares of the latency and of the time that a point may use: to stay, and (less, hence hysteresis) to rise.
 constexpr double kStayUse = 1.0, kFitUse = 0.85, kRiseUse = 0.7, kRiseLatency = 0.4;
 
@@ -43,13 +45,16 @@ Governor::Governor(const OperatingTable& table, const GovernorOptions& options, 
       patience_s_(options.patience_s) {}
 
 double Governor::secondsPerCell(std::size_t point) const {
-  return device_s_ * (*table_)[point].relative_time;
+  const double other_s = recent_cells_ > 0 ? other_s_ / recent_cells_ : 0;
+  return device_s_ * (*table_)[point].relative_time + other_s;
 }
 
 void Governor::swept(std::size_t point, double seconds) {
   if (!(seconds > 0) || !std::isfinite(seconds)) return;
   const double at_best = seconds / (*table_)[point].relative_time;
   device_s_ = device_s_ > 0 ? device_s_ + kLearning * (at_best - device_s_) : at_best;
+  other_s_ *= 1 - kForgetting;
+  recent_cells_ = (1 - kForgetting) * recent_cells_ + 1;
 }
 
 double Governor::drain(std::size_t point, const Load& load) const {

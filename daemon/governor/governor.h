@@ -40,17 +40,22 @@ class Governor {
   // calibration; 0: not known yet, the first cells tell.
   Governor(const OperatingTable& table, const GovernorOptions& options, double device_s = 0);
 
-  // A cell was swept at a point in this many seconds.
+  // A cell was swept at a point in this many seconds (of a cool device: times the headroom).
   void swept(std::size_t point, double seconds);
+  // Other work that the cells bring with them, whatever the point: frames taken in, colours, parents.
+  void alsoSpent(double seconds) { other_s_ += seconds; }
   // The point for the next cell: an index into the table.
   std::size_t decide(const Load& load);
 
   [[nodiscard]] std::size_t point() const { return point_; }
   [[nodiscard]] const OperatingPoint& operatingPoint() const { return table_->points()[point_]; }
   [[nodiscard]] const OperatingTable& table() const { return *table_; }
-  // Of a cell at a point, as far as is known; 0 when nothing is.
+  // Of a cell at a point, with its share of the other work, as far as is known; 0 when nothing is.
   [[nodiscard]] double secondsPerCell(std::size_t point) const;
+  // Of a sweep at the most accurate point, for the next run to begin with.
   [[nodiscard]] double deviceSeconds() const { return device_s_; }
+  // The most accurate point.
+  [[nodiscard]] std::size_t best() const { return table_->size() - 1; }
   // Until everything that waits is done at the present point.
   [[nodiscard]] double backlog() const { return backlog_s_; }
   [[nodiscard]] std::uint64_t changes() const { return changes_; }
@@ -66,6 +71,8 @@ class Governor {
   GovernorOptions options_;
   std::size_t point_;
   double device_s_;
+  double other_s_ = 0;  // spent since the start of what `recent_cells_` counts, older seconds counting less
+  double recent_cells_ = 0;
   double rate_ = 0;  // cells that become due per second
   double last_s_ = 0, changed_s_ = 0, raised_s_, room_since_s_;
   double patience_s_;

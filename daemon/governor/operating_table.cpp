@@ -5,16 +5,19 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <optional>
+
+#include "governor_shaders.h"
 
 namespace overfly::daemon {
 
 tiling::SweepOptions OperatingPoint::applied(tiling::SweepOptions base) const {
-  base.max_views = images;
-  base.window_radius = window_radius;
-  base.levels = levels;
-  base.finest_level = finest_level;
-  base.widenings = widenings;
-  base.two_surfaces = two_surfaces;
+  base.max_views = std::min(images, base.max_views);
+  base.window_radius = std::min(window_radius, base.window_radius);
+  base.levels = std::max(levels, base.levels);
+  base.finest_level = std::max(finest_level, base.finest_level);
+  base.widenings = std::min(widenings, base.widenings);
+  base.two_surfaces = two_surfaces && base.two_surfaces;
   return base;
 }
 
@@ -28,10 +31,18 @@ Result<OperatingTable> OperatingTable::make(std::vector<OperatingPoint> points) 
     return std::pair(a.relative_time, a.error()) < std::pair(b.relative_time, b.error());
   });
   OperatingTable table;
+  const auto as_set =
+      std::find_if(points.begin(), points.end(), [](const OperatingPoint& point) { return point.as_set; });
+  std::optional<OperatingPoint> last;
+  if (as_set != points.end()) {
+    last = *as_set;
+    points.erase(as_set, points.end());  // with all that is as slow or slower
+  }
   for (OperatingPoint& point : points)
     if (table.points_.empty() || (point.error() < table.points_.back().error() &&
                                   point.relative_time > table.points_.back().relative_time))
       table.points_.push_back(std::move(point));
+  if (last) table.points_.push_back(std::move(*last));
   if (table.points_.empty()) return fail(ErrorCode::BadInput, "the table of operating points is empty");
   return table;
 }
@@ -52,11 +63,17 @@ Result<OperatingTable> OperatingTable::parse(std::string_view json) {
                         .two_surfaces = entry.at("two_surfaces"),
                         .relative_time = entry.at("relative_time"),
                         .nmad_gsd = entry.at("nmad_gsd"),
-                        .complete = entry.at("complete")});
+                        .complete = entry.at("complete"),
+                        .as_set = entry.value("as_set", false)});
   } catch (const nlohmann::json::exception& error) {
     return fail(ErrorCode::BadInput, fmt::format("table of operating points: {}", error.what()));
   }
   return make(std::move(points));
+}
+
+const OperatingTable& OperatingTable::shipped() {
+  static const OperatingTable table = parse(shaders::governor::operating_points_json).value();
+  return table;
 }
 
 std::string OperatingTable::json() const {
@@ -71,7 +88,8 @@ std::string OperatingTable::json() const {
                     {"two_surfaces", p.two_surfaces},
                     {"relative_time", p.relative_time},
                     {"nmad_gsd", p.nmad_gsd},
-                    {"complete", p.complete}});
+                    {"complete", p.complete},
+                    {"as_set", p.as_set}});
   return nlohmann::ordered_json{{"points", list}}.dump(2) + "\n";
 }
 

@@ -22,8 +22,9 @@ struct OperatingPoint {
   double relative_time = 1;  // time of a cell's sweep, in that of the slowest point that was tried
   double nmad_gsd = 0;       // of heights against an independent reference
   double complete = 1;       // share of reference points with a height
+  bool as_set = false;       // what the settings say
 
-  // `base` (what the settings say) with this point's choices in place.
+  // `base` (what the settings say) with this point's choices where they are the cheaper ones.
   [[nodiscard]] tiling::SweepOptions applied(tiling::SweepOptions base) const;
   // The one figure that points are ordered by: NMAD, and a GSD for each tenth of the points that get no
   // height, so that leaving texels empty does not pass for accuracy.
@@ -35,8 +36,10 @@ struct OperatingPoint {
 // --table` measures on flights with a reference; only the time is measured on the device. Immutable.
 class OperatingTable {
  public:
-  // Leaves out what is off the front (as slow as, or slower than, a point that errs no more). BadInput: no
-  // point, or one that is not a number.
+  // Leaves out what is off the front (as slow as, or slower than, a point that errs no more). The point that
+  // is what the settings say is always kept, as the last one, and slower ones go: reference points lie on
+  // smooth ground and do not see all that it is dearer for (edges, small things). BadInput: no point, or one
+  // that is not a number.
   [[nodiscard]] static Result<OperatingTable> make(std::vector<OperatingPoint> points);
   // {"points": [{"name": ..., "images": ..., ...}, ...]}. BadInput with what is wrong.
   [[nodiscard]] static Result<OperatingTable> parse(std::string_view json);
@@ -45,6 +48,8 @@ class OperatingTable {
   [[nodiscard]] const OperatingPoint& operator[](std::size_t index) const { return points_.at(index); }
   [[nodiscard]] const std::vector<OperatingPoint>& points() const { return points_; }
   [[nodiscard]] std::string json() const;
+  // What the program brings along: measured on the recorded and simulated flights (docs/accuracy.md).
+  [[nodiscard]] static const OperatingTable& shipped();
 
  private:
   std::vector<OperatingPoint> points_;

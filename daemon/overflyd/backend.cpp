@@ -59,6 +59,15 @@ std::string Backend::statusJson() const {
         {"waiting", s.waiting_frames},
         {"late_poses", s.late_poses},
         {"refused", s.refused}}},
+      {"adjust",
+       {{"adjusted", s.adjust.adjusted},
+        {"held_back", s.adjust.held_back},
+        {"revised", s.adjust.revised},
+        {"batches", s.adjust.batches},
+        {"rms_px", s.adjust.rms_px},
+        {"median_s", s.adjust_median_s},
+        {"p95_s", s.adjust_p95_s},
+        {"landing_s", s.landing_s}}},
       {"tiles", {{"written", s.tiles}, {"waiting_cells", s.waiting_cells}}},
       {"survey", {{"gsd_m", s.gsd_m}, {"area_m2", s.area_m2}}},
       {"lag_s", s.lag_s},
@@ -79,6 +88,19 @@ std::string Backend::statusJson() const {
         {"orthophoto", s.mapper.ortho_s},
         {"parents", s.parents_s},
         {"encode", s.encode_s}}},
+      {"quality",
+       {{"mode", s.quality.mode},
+        {"point", s.quality.point},
+        {"index", s.quality.index},
+        {"points", s.quality.points},
+        {"nmad_gsd", s.quality.nmad_gsd},
+        {"complete", s.quality.complete},
+        {"cell_s", s.quality.cell_s},
+        {"backlog_s", s.quality.backlog_s},
+        {"to_improve", s.quality.to_improve},
+        {"changes", s.quality.changes},
+        {"headroom", s.quality.headroom},
+        {"throttled", s.quality.throttled}}},
       {"cells", {{"seen", s.cells}, {"swept", s.mapper.cells_swept}, {"finished", s.mapper.cells_finished}}}};
   if (const auto pipeline = missions_.current(); pipeline && pipeline->live() != nullptr)
     json["live"] = liveJson(pipeline->live()->status());
@@ -95,6 +117,16 @@ std::string Backend::metricsText() const {
   metric("overfly_frames_mapped_total", "counter", "frames in the index", static_cast<double>(s.mapped));
   metric("overfly_frames_waiting", "gauge", "frames not yet in the index",
          static_cast<double>(s.waiting_frames));
+  metric("overfly_frames_adjusted_total", "counter", "frames mapped with an adjusted pose",
+         static_cast<double>(s.adjust.adjusted));
+  metric("overfly_frames_revised_total", "counter", "frames mapped again because their pose was corrected",
+         static_cast<double>(s.adjust.revised));
+  std::uint64_t held_back = 0;
+  for (const auto& [reason, count] : s.adjust.held_back) held_back += count;
+  metric("overfly_frames_held_back", "gauge", "frames that wait for a usable pose",
+         static_cast<double>(held_back));
+  metric("overfly_adjust_p95_seconds", "gauge", "time of a frame's adjustment, 95th percentile",
+         s.adjust_p95_s);
   metric("overfly_tiles_written_total", "counter", "tiles written, updates counted",
          static_cast<double>(s.tiles));
   metric("overfly_cells_waiting", "gauge", "cells that wait to be swept",
@@ -107,6 +139,16 @@ std::string Backend::metricsText() const {
   metric("overfly_stages_stuck", "gauge", "stages of the pipeline that do not get on",
          static_cast<double>(s.stuck.size()));
   metric("overfly_sweep_seconds_total", "counter", "time spent sweeping", s.mapper.sweep_s);
+  metric("overfly_quality_point", "gauge", "operating point of the sweep, 1 is the fastest",
+         static_cast<double>(s.quality.index));
+  metric("overfly_quality_points", "gauge", "operating points on the front",
+         static_cast<double>(s.quality.points));
+  metric("overfly_quality_cells_to_improve", "gauge", "cells made at a faster point than the last",
+         static_cast<double>(s.quality.to_improve));
+  metric("overfly_quality_backlog_seconds", "gauge", "until everything that waits is swept",
+         s.quality.backlog_s);
+  metric("overfly_quality_headroom", "gauge", "share of the processor's speed that heat leaves",
+         s.quality.headroom);
   metric("overfly_orthophoto_seconds_total", "counter", "time spent colouring", s.mapper.ortho_s);
   if (const auto pipeline = missions_.current(); pipeline && pipeline->live() != nullptr)
     text += liveMetrics(pipeline->live()->status());

@@ -30,6 +30,19 @@ tiling::SchedulerOptions schedulerOptions(const config::Settings& settings) {
   return options;
 }
 
+tiling::adjust::LiveAdjustOptions adjustOptions(const config::Settings& settings) {
+  const config::Adjust& adjust = settings.adjust;
+  tiling::adjust::LiveAdjustOptions options;
+  options.adjuster.map.window_frames = adjust.window_frames;
+  options.adjuster.map.retained_frames = adjust.memory_frames;
+  options.adjuster.map.gate_px = adjust.max_reprojection_px;
+  options.adjuster.map.revise_px = adjust.remake_px;
+  options.adjuster.features.most = adjust.features;
+  options.max_wait_s = adjust.max_wait_s;
+  if (adjust.keep_profile) options.profiles = deviceFolder(settings);
+  return options;
+}
+
 Result<std::unique_ptr<capture::FrameSource>> makeSource(const config::Settings& settings) {
   const config::Source& source = settings.source;
   const bool live = source.kind == config::SourceKind::V4l2 || source.kind == config::SourceKind::Libcamera;
@@ -40,6 +53,8 @@ Result<std::unique_ptr<capture::FrameSource>> makeSource(const config::Settings&
       options.speed = source.speed;
       options.loop = source.loop;
       options.start = static_cast<std::size_t>(source.start_frame);
+      options.import.raw = settings.adjust.mode == config::AdjustMode::Always;
+      if (!settings.camera.model_file.empty()) options.import.camera_file = settings.camera.model_file;
       return std::make_unique<capture::ReplaySource>(source.path, options);
     }
     case config::SourceKind::Scene: {

@@ -8,6 +8,7 @@
 
 #include "capture/replay/replay_source.h"
 #include "daemon/overflyd/boot_clock.h"
+#include "daemon/overflyd/options.h"
 #include "daemon/overflyd/log.h"
 
 // The pipeline as a whole, and its capture thread.
@@ -40,9 +41,14 @@ Result<void> Pipeline::start() {
   auto recorded = RecordedFrames::open(folder_);
   if (!recorded) return tl::unexpected(recorded.error());
   recorded_ = std::move(*recorded);
+  // Without it nothing is known of this device the next time.
+  std::filesystem::create_directory(deviceFolder(settings_), code);
   if (auto info = recorded_->earlierInfo()) flight_info_ = std::move(*info);
   // What earlier runs recorded is mapped first.
-  for (std::uint64_t id = 0; id < recorded_->earlier(); ++id) frames_.push_back({id, nullptr, now_ns()});
+  for (std::uint64_t id = 0; id < recorded_->earlier(); ++id) {
+    const capture::FlightFrame& entry = *recorded_->entryOf(id);
+    queueFor(entry.frame, entry.raw).push_back({id, nullptr, now_ns(), false, entry.raw});
+  }
   status_.seen = recorded_->earlier();
   if (live_ != nullptr && settings_.record.raw_inputs)
     live_->onRaw([this](const capture::RawInput& input) { recorded_->record(input); });
@@ -51,6 +57,7 @@ Result<void> Pipeline::start() {
   };
   launch(Stage::Encoding, &Pipeline::encode);
   launch(Stage::Mapping, &Pipeline::map);
+  launch(Stage::Adjusting, &Pipeline::adjust);
   launch(Stage::Capture, &Pipeline::capture);
   return {};
 }
@@ -81,7 +88,7 @@ void Pipeline::endSource() {
 void Pipeline::stop() {
   if (threads_.empty()) return;
   source_->stop();
-  // Capture first, then mapping, then encoding what mapping still handed on.
+  // Capture first, then adjusting, mapping, then encoding what mapping still handed on.
   for (auto thread = threads_.rbegin(); thread != threads_.rend(); ++thread) {
     thread->request_stop();
     wake_.notify_all();
@@ -103,9 +110,10 @@ void Pipeline::reload(const config::Settings& settings) {
 PipelineStatus Pipeline::status() const {
   const std::scoped_lock lock(mutex_);
   PipelineStatus status = status_;
-  status.waiting_frames = frames_.size();
-  if (!frames_.empty())
-    status.lag_s = std::max(status.lag_s, static_cast<double>(now_ns() - frames_.front().arrived_ns) / 1e9);
+  status.waiting_frames = frames_.size() + to_adjust_.size() + status.adjust.waiting;
+  for (const auto* queue : {&to_adjust_, &frames_})
+    if (!queue->empty())
+      status.lag_s = std::max(status.lag_s, static_cast<double>(now_ns() - queue->front().arrived_ns) / 1e9);
   status.provisional_s = provisional_.summary();
   status.swept_s = swept_.summary();
   for (std::size_t i = 0; i < kStageNames.size(); ++i)
@@ -188,11 +196,14 @@ bool Pipeline::hasRoom() {
 
 void Pipeline::takeFrames(const std::stop_token& stop) {
   capture::FlightInfo info;
+  std::map<std::uint64_t, capture::RawTelemetry> raw_of;  // by sequence number
   bool plays_again = false;  // a flight from its beginning, of which an earlier run has recorded a part
   if (const auto* replay = dynamic_cast<const capture::ReplaySource*>(source_.get());
       replay != nullptr && replay->flight()) {
     info = replay->flight()->info();
     plays_again = true;
+    for (const capture::FlightFrame& entry : replay->flight()->frames())
+      if (entry.raw) raw_of.emplace(entry.frame.sequence, *entry.raw);
   }
   info.source = source_->describe();
   info.made_by = "overflyd";
@@ -218,12 +229,14 @@ void Pipeline::takeFrames(const std::stop_token& stop) {
     begin(Stage::Capture);
     const std::int64_t arrived_ns = now_ns();
     info.datum = (*frame)->datum;
+    std::optional<capture::RawTelemetry> raw;
+    if (const auto found = raw_of.find((*frame)->sequence); found != raw_of.end()) raw = found->second;
     const char* refusal = hasRoom() ? nullptr : "no room to record";
     Result<std::uint64_t> id = 0;
     if (refusal != nullptr) {
       warnOnce(refusal, fmt::format("{} is not recorded: the disk has less than record.min_free_mb left",
                                     (*frame)->name));
-    } else if (id = recorded_->record(**frame, info); !id) {
+    } else if (id = recorded_->record(**frame, info, raw); !id) {
       refusal = "not recorded";
       warnOnce(refusal, fmt::format("recording {}: {}", (*frame)->name, id.error().message));
     }
@@ -235,8 +248,9 @@ void Pipeline::takeFrames(const std::stop_token& stop) {
       continue;
     }
     status_.idle = false;
-    frames_.push_back({*id, *frame, arrived_ns});
-    if (frames_.size() > kFramesInMemory) frames_[frames_.size() - 1 - kFramesInMemory].frame = nullptr;
+    std::deque<Waiting>& queue = queueFor(**frame, raw);
+    queue.push_back({*id, *frame, arrived_ns, false, raw});
+    if (queue.size() > kFramesInMemory) queue[queue.size() - 1 - kFramesInMemory].frame = nullptr;
     wake_.notify_all();
   }
 }
@@ -250,7 +264,8 @@ void Pipeline::takeLatePoses() {
     }
     const std::scoped_lock lock(mutex_);
     ++status_.late_poses;
-    frames_.push_back({*id, nullptr, now_ns()});
+    const bool as_it_is = settings_.adjust.mode == config::AdjustMode::Off;
+    (as_it_is ? frames_ : to_adjust_).push_back({*id, nullptr, now_ns()});
     wake_.notify_all();
   }
 }

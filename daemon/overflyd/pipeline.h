@@ -20,15 +20,34 @@
 #include "capture/frame_source.h"
 #include "capture/live/live_source.h"
 #include "config/settings.h"
+#include "daemon/governor/governor.h"
+#include "daemon/governor/throttling.h"
 #include "daemon/overflyd/latency.h"
 #include "daemon/overflyd/recorded_frames.h"
 #include "daemon/overflyd/stage.h"
 #include "render/gl/gl_thread.h"
+#include "tiling/adjust/live_adjust.h"
 #include "tiling/clipmap/scheduler.h"
 #include "tiling/mapping/mapper.h"
 #include "tiling/store/store_writer.h"
 
 namespace overfly::daemon {
+
+// Where on the front of accuracy against time the map is being made.
+struct QualityStatus {
+  std::string mode;
+  std::string point;             // the present one, in words
+  std::size_t index = 0;         // 1: the fastest
+  std::size_t points = 0;        // on the front; the last one is what the settings say
+  double nmad_gsd = 0;           // that the table states for it
+  double complete = 0;           // likewise
+  double cell_s = 0;             // that a cell takes there on this device, other work included
+  double backlog_s = 0;          // until everything that waits is swept
+  std::uint64_t to_improve = 0;  // cells made at a faster point than the last
+  std::uint64_t changes = 0;     // of the point, since the start
+  double headroom = 1;           // below 1: throttled by heat
+  std::string throttled;         // who says so
+};
 
 // How far the pipeline is. Copied out under a lock; times are seconds.
 struct PipelineStatus {
@@ -52,11 +71,16 @@ struct PipelineStatus {
   std::string store_problem;       // the disk refuses; kept in memory meanwhile
   std::vector<std::string> stuck;  // stages that have been silent for longer than kStageSilence
   tiling::MapperStatistics mapper;
+  QualityStatus quality;
+  tiling::adjust::LiveAdjuster::Status adjust;       // held_back: frames without a usable pose, by reason
+  double adjust_median_s = 0, adjust_p95_s = 0;      // wall time of the last frames' adjustment
+  double landing_s = 0;                              // of the adjustment after the last frame
   double record_s = 0, parents_s = 0, encode_s = 0;  // time spent
   double gsd_m = 0, area_m2 = 0;                     // of the map: texel of level 0; cells that are not empty
 };
 
-// One mission, from the source to the map's file (docs/threads.md): a capture thread, a mapping thread that
+// One mission, from the source to the map's file (docs/threads.md): a capture thread, an adjusting
+// thread for frames whose poses are the device's own, a mapping thread that
 // has its GPU work done by the GL thread, an encoding thread, the store's writing thread. Queues are bounded:
 // what does not fit into memory stays recorded on disk and is read again when its turn comes, so that capture
 // never waits and nothing is lost.
@@ -97,11 +121,14 @@ class Pipeline {
     std::uint64_t id;
     capture::FramePtr frame;  // null: read it again from the recording
     std::int64_t arrived_ns;
+    bool again = false;  // has been mapped; its pose was corrected
+    std::optional<capture::RawTelemetry> raw = {};
   };
   struct Encoding {
     std::vector<tiling::Tile> tiles;
     std::vector<tiling::FrameRecord> frames;
-    std::vector<Latency::Sight> sights;  // of frames that these tiles show first
+    std::vector<Latency::Sight> sights;                       // of frames that these tiles show first
+    std::vector<std::pair<std::string, std::string>> values;  // for the map's table of them
   };
   struct Committing {
     std::future<Result<std::uint64_t>> done;
@@ -115,12 +142,19 @@ class Pipeline {
   void begin(Stage stage);
 
   void capture(const std::stop_token& stop);
+  void adjust(const std::stop_token& stop);
   void map(const std::stop_token& stop);
   void encode(const std::stop_token& stop);
 
   // On the capture thread (pipeline.cpp).
   void takeFrames(const std::stop_token& stop);
   [[nodiscard]] bool hasRoom();
+
+  // On the adjusting thread (pipeline_adjust.cpp). With mutex_ held: where a frame goes first.
+  [[nodiscard]] std::deque<Waiting>& queueFor(const capture::Frame& frame,
+                                              const std::optional<capture::RawTelemetry>& raw);
+  void handOn(const std::vector<tiling::adjust::LiveFrame>& ready,
+              std::map<std::uint64_t, capture::FramePtr>& in_memory);
 
   // On the mapping thread (pipeline_map.cpp). `work` as one job on the GL thread, which gives way to previews
   // between the passes of a sweep; waits for it.
@@ -139,12 +173,25 @@ class Pipeline {
   [[nodiscard]] Result<bool> work(tiling::Mapper& mapper, const tiling::TileJob& job);
   [[nodiscard]] Result<void> finish(tiling::Mapper& mapper, const geo::TileKey& cell);
   [[nodiscard]] Result<void> makeParentOf(const geo::TileKey& key);
-  void publish(std::vector<tiling::Tile> tiles, std::vector<Latency::Sight> sights);
+  void publish(std::vector<tiling::Tile> tiles, std::vector<Latency::Sight> sights,
+               std::vector<std::pair<std::string, std::string>> values = {});
   void showProgress(const tiling::Mapper& mapper);
   void refuse(std::uint64_t id, const std::string& reason);
   void takeLatePoses();
   void giveUp(const Error& error);
   void stopped(const Error& error, const std::stop_token& stop);
+
+  // On the mapping thread: accuracy against time (pipeline_quality.cpp).
+  void beginGoverning(const std::string& renderer);
+  void reloadQuality(const config::Settings& settings);
+  void keepSpeed() const;  // for the next run
+  [[nodiscard]] tiling::MapperOptions optionsAt(std::size_t point) const;
+  [[nodiscard]] Result<bool> sweepAtPoint(tiling::Mapper& mapper, const geo::TileKey& cell);
+  // There is time: the cells made at the fastest points are due again, at the last one. False: there is none.
+  [[nodiscard]] bool improveWorst();
+  [[nodiscard]] std::string madeAt(const geo::TileKey& cell) const;  // empty: as the settings say
+  void rest(double worked_s);  // what quality.gpu_share leaves to others
+  [[nodiscard]] QualityStatus qualityStatus() const;
 
   // On the encoding thread (pipeline_encode.cpp).
   void write(Encoding work, const std::stop_token& stop);
@@ -166,7 +213,9 @@ class Pipeline {
 
   mutable std::mutex mutex_;
   std::condition_variable_any wake_;
-  std::deque<Waiting> frames_;
+  std::deque<Waiting> to_adjust_;  // frames whose poses are the device's own
+  std::deque<Waiting> frames_;     // to be mapped
+  bool all_handed_on_ = false;     // the source has ended, and nothing comes after what frames_ holds
   std::deque<geo::TileKey> interests_;
   std::deque<Encoding> encoding_;
   bool writing_ = false;   // the encoding thread holds what has left encoding_
@@ -188,6 +237,16 @@ class Pipeline {
   std::map<geo::TileKey, std::uint32_t> texels_;  // that have colour, by tile of level 0
   double all_texels_ = 0;
   std::optional<tiling::MapReader> reader_;
+  tiling::MapperOptions as_set_;
+  config::Quality quality_;
+  std::string renderer_;
+  std::optional<OperatingTable> table_;
+  std::unique_ptr<Governor> governor_;
+  std::map<geo::TileKey, std::size_t> cheap_;  // cells last swept below the last point, and where
+  std::set<geo::TileKey> improving_;           // of these, due again
+  bool landed_ = false;                        // no frame is to come
+  Throttling throttling_;
+  std::int64_t heat_looked_at_ns_ = 0;
 
   // Of the encoding thread, and of the mapping thread before it has anything to encode.
   std::unique_ptr<tiling::StoreWriter> writer_;

@@ -87,6 +87,7 @@ void Pipeline::write(Encoding work, const std::stop_token& stop) {
   }
   tiling::Batch batch;
   batch.frames = std::move(work.frames);
+  batch.values = std::move(work.values);
   for (const tiling::Tile& tile : work.tiles) {
     auto encoded = tiling::encodeTile(tile, options);
     if (!encoded) {

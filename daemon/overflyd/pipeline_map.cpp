@@ -223,13 +223,14 @@ Result<void> Pipeline::takeFrame(tiling::Mapper& mapper, const Waiting& waiting)
   std::vector<tiling::Tile> first_sight;
   for (const geo::TileKey& cell : *added) {
     scheduler_->mark(cell, tiling::knowledgeOf(mapper.index(), cell, mapper.ground().height_m, views_), now);
+    if (waiting.again) scheduler_->markDue(cell, now);
     // A cell that shows nothing yet gets the plain projection at once.
     if (!seen_cells_.insert(cell).second) continue;
     auto tiles = onGl("first sight", [&] { return mapper.provisionalCell(cell); });
     if (!tiles) return tl::unexpected(tiles.error());
     for (tiling::Tile& tile : *tiles) first_sight.push_back(std::move(tile));
   }
-  if (!added->empty()) unswept_.try_emplace(waiting.id, shutter_ns);
+  if (!added->empty() && !waiting.again) unswept_.try_emplace(waiting.id, shutter_ns);
   if (!first_sight.empty()) publish(std::move(first_sight), {{shutter_ns, false}});
   ++unbalanced_;
   tiling::FrameRecord stored = tiling::makeFrameRecord(waiting.id, *waiting.frame);
@@ -244,13 +245,14 @@ Result<void> Pipeline::takeFrame(tiling::Mapper& mapper, const Waiting& waiting)
   if (auto footprint = geo::footprint(record.camera, record.pose, record.ground_height_m))
     stored.footprint = *footprint;
   const std::scoped_lock lock(mutex_);
-  encoding_.push_back({{}, {std::move(stored)}, {}});
+  encoding_.push_back({{}, {std::move(stored)}, {}, {}});
   wake_.notify_all();
-  ++status_.mapped;
+  status_.mapped += waiting.again ? 0 : 1;
   return {};
 }
 
-void Pipeline::publish(std::vector<tiling::Tile> tiles, std::vector<Latency::Sight> sights) {
+void Pipeline::publish(std::vector<tiling::Tile> tiles, std::vector<Latency::Sight> sights,
+                       std::vector<std::pair<std::string, std::string>> values) {
   std::size_t kept = 0;
   {
     const std::scoped_lock lock(mutex_);
@@ -270,7 +272,7 @@ void Pipeline::publish(std::vector<tiling::Tile> tiles, std::vector<Latency::Sig
     wake_.wait_for(lock, 500ms, [&] { return encoding_.size() < kTilesToEncode; });
     if (status_.failed) return;
   }
-  encoding_.push_back({std::move(tiles), {}, std::move(sights)});
+  encoding_.push_back({std::move(tiles), {}, std::move(sights), std::move(values)});
   wake_.notify_all();
 }
 
@@ -303,8 +305,10 @@ Result<void> Pipeline::finish(tiling::Mapper& mapper, const geo::TileKey& cell) 
   if (!tiles) return tl::unexpected(tiles.error());
   std::set<geo::TileKey> parents;
   std::vector<Latency::Sight> sights;
+  std::vector<std::pair<std::string, std::string>> values;
   for (const tiling::Tile& tile : *tiles) {
     parents.insert(geo::parentOf(tile.key));
+    values.emplace_back(fmt::format("made_at/{}/{}/{}", tile.key.zoom, tile.key.x, tile.key.y), madeAt(cell));
     std::uint32_t texels = 0;
     for (std::size_t i = 3; i < tile.color.size(); i += 4) texels += tile.color[i] != 0 ? 1 : 0;
     std::uint32_t& known = texels_[tile.key];
@@ -316,7 +320,7 @@ Result<void> Pipeline::finish(tiling::Mapper& mapper, const geo::TileKey& cell) 
         unswept_.erase(found);
       }
   }
-  publish(std::move(*tiles), std::move(sights));
+  publish(std::move(*tiles), std::move(sights), std::move(values));
   // Tiles between the cell's own zoom and level 0 lie wholly within the cell.
   for (int zoom = mapper.ground().base_zoom - 1; zoom >= mapper.cellZoom(); --zoom) {
     std::set<geo::TileKey> next;
@@ -333,7 +337,7 @@ Result<bool> Pipeline::work(tiling::Mapper& mapper, const tiling::TileJob& job) 
   Result<void> done;
   switch (job.kind) {
     case tiling::TileJob::Kind::Sweep:
-      return onGl("sweep", [&] { return mapper.sweepCell(job.key); });
+      return sweepAtPoint(mapper, job.key);
     case tiling::TileJob::Kind::Finish:
       done = finish(mapper, job.key);
       break;
@@ -368,6 +372,7 @@ void Pipeline::map(const std::stop_token& stop) {
                               auto made = tiling::Mapper::create(context, options);
                               if (!made) return tl::unexpected(made.error());
                               owned = std::move(*made);
+                              beginGoverning(context.info().renderer);
                               owned->onPause([this, stop] {
                                 beat(Stage::Mapping);
                                 gl_.giveWay();
@@ -394,6 +399,7 @@ void Pipeline::map(const std::stop_token& stop) {
     throw;
   }
   giveBack();
+  keepSpeed();
 }
 
 // A frame's turn. False: the pipeline cannot go on.
@@ -417,6 +423,7 @@ bool Pipeline::takeNext(tiling::Mapper& mapper, Waiting waiting, const std::stop
     return true;
   }
   if (scheduler_) return took(waiting);
+  std::erase_if(unsettled_, [&](const Waiting& held) { return held.id == waiting.id; });
   unsettled_.push_back(std::move(waiting));
   if (unsettled_.size() < kSettlingFrames && !std::filesystem::exists(mapFile())) return true;
   if (auto ok = settle(mapper); !ok) {
@@ -436,6 +443,7 @@ void Pipeline::showProgress(const tiling::Mapper& mapper) {
   const std::int64_t now = now_ns();
   const std::scoped_lock lock(mutex_);
   status_.mapper = mapper.statistics();
+  status_.quality = qualityStatus();
   status_.cells = seen_cells_.size();
   if (!scheduler_) return;
   status_.waiting_cells = scheduler_->waitingTiles();
@@ -459,33 +467,38 @@ void Pipeline::mapUntil(tiling::Mapper& mapper, const std::stop_token& stop) {
         waiting = std::move(frames_.front());
         frames_.pop_front();
       }
-      ended = status_.source_ended && frames_.empty() && !waiting;
+      ended = all_handed_on_ && frames_.empty() && !waiting;
       std::swap(reloaded, reloaded_);
       if (reloaded) settings = settings_;
     }
     if (reloaded) {
-      mapper.setOptions(tiling::mapperOptions(settings));
+      reloadQuality(settings);
+      mapper.setOptions(as_set_);
       if (scheduler_) scheduler_->setOptions(schedulerOptions(settings));
     }
     if (waiting) {
       begin(Stage::Mapping);
+      const std::int64_t start_ns = now_ns();
       if (!takeNext(mapper, std::move(*waiting), stop)) return;
+      governor_->alsoSpent(static_cast<double>(now_ns() - start_ns) / 1e9 * throttling_.headroom);
       if (scheduler_ && unbalanced_ >= kBalanceFrames) balance(mapper);
       showProgress(mapper);
       continue;
     }
     if (scheduler_) {
+      landed_ = ended;
       scheduler_->setLanded(ended);
       if (ended && unbalanced_ > 0) balance(mapper);
     }
     const auto job = scheduler_ ? scheduler_->next(now_ns()) : std::nullopt;
     if (!job) {
+      if (scheduler_ && improveWorst()) continue;
       showProgress(mapper);
       std::unique_lock lock(mutex_);
       // The source may have ended since this round began: what follows the last frame is then still to do.
       const bool up_to_date = ended || !status_.source_ended;
-      status_.idle = up_to_date && frames_.empty() && (!scheduler_ || scheduler_->idle()) &&
-                     encoding_.empty() && !writing_;
+      status_.idle = up_to_date && frames_.empty() && to_adjust_.empty() && status_.adjust.waiting == 0 &&
+                     (!scheduler_ || scheduler_->idle()) && encoding_.empty() && !writing_;
       if (ended && !scheduler_ && !unsettled_reason_.empty() && !status_.failed) {
         status_.failed = true;
         status_.error = unsettled_reason_;
@@ -498,7 +511,11 @@ void Pipeline::mapUntil(tiling::Mapper& mapper, const std::stop_token& stop) {
       status_.idle = false;
     }
     begin(Stage::Mapping);
-    if (const auto made = work(mapper, *job)) {
+    const std::int64_t start_ns = now_ns();
+    const auto made = work(mapper, *job);
+    const double worked_s = static_cast<double>(now_ns() - start_ns) / 1e9;
+    if (job->kind != tiling::TileJob::Kind::Sweep) governor_->alsoSpent(worked_s * throttling_.headroom);
+    if (made) {
       scheduler_->done(*job, *made, now_ns());
     } else {
       if (made.error().code == ErrorCode::Unavailable) return stopped(made.error(), stop);
@@ -507,6 +524,7 @@ void Pipeline::mapUntil(tiling::Mapper& mapper, const std::stop_token& stop) {
       scheduler_->failed(*job, now_ns());
     }
     showProgress(mapper);
+    rest(worked_s);
   }
 }
 

@@ -23,14 +23,15 @@ Result<std::unique_ptr<RecordedFrames>> RecordedFrames::open(const std::filesyst
   return frames;
 }
 
-Result<std::uint64_t> RecordedFrames::record(const capture::Frame& frame, const capture::FlightInfo& info) {
+Result<std::uint64_t> RecordedFrames::record(const capture::Frame& frame, const capture::FlightInfo& info,
+                                             const std::optional<capture::RawTelemetry>& raw) {
   const std::scoped_lock lock(mutex_);
   if (!recorder_) {
     auto created = capture::FlightRecorder::create(own_, info);
     if (!created) return tl::unexpected(created.error());
     recorder_.emplace(std::move(*created));
   }
-  if (auto ok = recorder_->record(frame); !ok) return tl::unexpected(ok.error());
+  if (auto ok = recorder_->record(frame, raw); !ok) return tl::unexpected(ok.error());
   own_names_.push_back(frame.name);
   const std::uint64_t id = first_id_ + recorded_++;
   if (!frame.pose) unposed_[{frame.camera_id, frame.sequence}] = id;
@@ -59,8 +60,34 @@ void RecordedFrames::record(const capture::RawInput& input) {
   if (recorder != nullptr) (void)recorder->record(input);
 }
 
+const capture::FlightFrame* RecordedFrames::entryOf(std::uint64_t id) const {
+  if (id >= first_id_) return nullptr;
+  for (const capture::Flight& part : parts_) {
+    if (id < part.size()) return &part.at(id);
+    id -= part.size();
+  }
+  return nullptr;
+}
+
+void RecordedFrames::correct(std::uint64_t id, const capture::Pose& pose, const capture::CameraModel& camera,
+                             bool adjusted) {
+  const std::scoped_lock lock(mutex_);
+  corrections_.insert_or_assign(id, Correction{pose, camera, adjusted});
+}
+
 Result<capture::FramePtr> RecordedFrames::load(std::uint64_t id) {
   const std::scoped_lock lock(mutex_);
+  auto loaded = loadRecorded(id);
+  const auto correction = corrections_.find(id);
+  if (!loaded || correction == corrections_.end()) return loaded;
+  auto frame = std::make_shared<capture::Frame>(**loaded);
+  frame->pose = correction->second.pose;
+  frame->camera = correction->second.camera;
+  frame->pose_is_adjusted = correction->second.adjusted;
+  return frame;
+}
+
+Result<capture::FramePtr> RecordedFrames::loadRecorded(std::uint64_t id) {
   if (id < first_id_) {
     std::uint64_t index = id;
     for (const capture::Flight& part : parts_) {

@@ -2,6 +2,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <set>
@@ -32,8 +33,15 @@ class RecordedFrames {
   // An earlier run has recorded a frame of this name.
   [[nodiscard]] bool hasEarlier(const std::string& name) const { return earlier_names_.contains(name); }
   // Writes a frame; returns its id. The first call makes this run's folder.
-  [[nodiscard]] Result<std::uint64_t> record(const capture::Frame& frame, const capture::FlightInfo& info);
+  [[nodiscard]] Result<std::uint64_t> record(const capture::Frame& frame, const capture::FlightInfo& info,
+                                             const std::optional<capture::RawTelemetry>& raw = {});
+  // As recorded, or as corrected since.
   [[nodiscard]] Result<capture::FramePtr> load(std::uint64_t id);
+  // What an earlier run recorded of a frame beside its picture; null: not of an earlier run.
+  [[nodiscard]] const capture::FlightFrame* entryOf(std::uint64_t id) const;
+  // From now on the frame has this pose and lens. The recording itself keeps what the device said.
+  void correct(std::uint64_t id, const capture::Pose& pose, const capture::CameraModel& camera,
+               bool adjusted);
   // The pose of a frame of this run that was recorded without one; returns the frame's id.
   [[nodiscard]] Result<std::uint64_t> record(const capture::LatePose& late);
   // A raw input; those before the first frame are dropped, as there is no recording yet.
@@ -43,7 +51,14 @@ class RecordedFrames {
   void close();
 
  private:
+  struct Correction {
+    capture::Pose pose;
+    capture::CameraModel camera;
+    bool adjusted = false;
+  };
+
   explicit RecordedFrames(std::filesystem::path folder) : folder_(std::move(folder)) {}
+  [[nodiscard]] Result<capture::FramePtr> loadRecorded(std::uint64_t id);
 
   mutable std::mutex mutex_;
   std::filesystem::path folder_;
@@ -56,6 +71,7 @@ class RecordedFrames {
   std::map<std::pair<std::string, std::uint64_t>, std::uint64_t> unposed_;  // camera and number to id
   std::vector<std::string> own_names_;
   std::optional<capture::Flight> own_read_;  // as far as it was read back
+  std::map<std::uint64_t, Correction> corrections_;
 };
 
 }  // namespace overfly::daemon

@@ -14,8 +14,8 @@
 namespace overfly::daemon {
 
 // The stages of a pipeline, each a thread of its own, in the order of the frames' way.
-enum class Stage { Capture, Mapping, Encoding };
-inline constexpr std::array<std::string_view, 3> kStageNames{"capture", "mapping", "encoding"};
+enum class Stage { Capture, Adjusting, Mapping, Encoding };
+inline constexpr std::array<std::string_view, 4> kStageNames{"capture", "adjusting", "mapping", "encoding"};
 
 // When a stage last got on: its own thread says so when it has done a piece of work, or has found that there
 // is none. Nobody else does, so a stage that hangs falls silent; one that has not begun is excused.

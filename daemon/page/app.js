@@ -11,7 +11,6 @@ let info = null;      // /tiles.json
 let minus = 0;        // heights are shown above this level: MapLibre's ground is at 0
 let lastFrame = null;
 let isLive = false;
-let moved = false;    // somebody has chosen what to look at
 const track = { frames: [], last: null };
 
 firstTheme();
@@ -82,6 +81,7 @@ function buildLayers() {
   const extent = color?.bounds ? color : elevation;
   const signature = extent?.bounds ? `${mission}/${info.map}/${extent.minzoom}-${extent.maxzoom}-${Boolean(elevation?.bounds)}` : '';
   if (signature === built) return;
+  const first = built === null || built === '';
   built = signature;
   map.setTerrain(null);
   for (const layer of map.getStyle().layers) map.removeLayer(layer.id);
@@ -117,6 +117,7 @@ function buildLayers() {
   drawTrack();
   refreshPlan();
   if (pressed($('tilt'))) setTilt(true);
+  if (first && extent?.bounds) fit(false);
 }
 
 function applyLayers() {
@@ -144,17 +145,10 @@ function fit(smooth = true) {
     duration: smooth ? 700 : 0, pitch: map.getPitch(), bearing: map.getBearing() });
 }
 
-const SKIRT = 1.5;  // metres that a terrain tile's rim reaches down, to hide cracks between levels
-
 function setTilt(on) {
   pressed($('tilt'), on);
-  if (on && map.getSource('elevation')) {
-    map.setTerrain({ source: 'elevation', exaggeration: 1 });
-    // MapLibre's own skirts reach down hundreds of metres: a wall wherever the map ends at a tile's border.
-    if (map.terrain?.getMeshFrameDelta) map.terrain.getMeshFrameDelta = () => SKIRT;
-  } else {
-    map.setTerrain(null);
-  }
+  if (on && map.getSource('elevation')) map.setTerrain({ source: 'elevation', exaggeration: 1 });
+  else map.setTerrain(null);
   map.easeTo({ pitch: on ? 58 : 0, bearing: on ? map.getBearing() : 0, duration: 700 });
 }
 
@@ -199,18 +193,13 @@ function gather(action, pause) {
   return () => { timer ??= setTimeout(async () => { timer = null; await action().catch(() => {}); }, pause); };
 }
 
-let shownBounds;
 const refreshInfo = gather(loadInfo, 1500);
 async function loadInfo() {
   const next = await getJson(`${base}tiles.json`);
   if (!next) return;
   info = next;
   await ready;
-  const before = JSON.stringify(shownBounds);
   buildLayers();
-  shownBounds = doc('color')?.bounds ?? doc('elevation')?.bounds;
-  // The view grows with the map until somebody moves it.
-  if (shownBounds && before !== JSON.stringify(shownBounds) && !moved && !pressed($('follow'))) fit(before !== undefined);
 }
 
 const refreshTrack = gather(loadTrack, 1000);
@@ -267,8 +256,6 @@ async function showMission(id, list) {
   track.frames = [];
   track.last = null;
   built = null;
-  moved = false;
-  shownBounds = undefined;
   await loadInfo();
   await loadTrack();
   await loadMissions();
@@ -310,7 +297,7 @@ const live = {
 
 // ---- controls ----
 
-$('fit').onclick = () => { moved = false; fit(); };
+$('fit').onclick = () => fit();
 $('follow').onclick = () => { const on = !pressed($('follow')); pressed($('follow'), on); if (on && lastFrame) map.easeTo({ center: lastFrame }); };
 $('tilt').onclick = () => setTilt(!pressed($('tilt')));
 $('north').onclick = () => map.easeTo({ bearing: 0 });
@@ -343,8 +330,6 @@ $('plan-file').onchange = async () => {
 };
 $('plan-clear').onclick = async () => { await fetch(`${base}plan`, { method: 'DELETE' }); refreshPlan(); };
 map.on('dragstart', () => pressed($('follow'), false));
-for (const kind of ['dragstart', 'zoomstart', 'rotatestart', 'pitchstart']) map.on(kind, (event) => { moved ||= Boolean(event.originalEvent); });
-for (const id of ['zoom-in', 'zoom-out', 'follow']) $(id).addEventListener('click', () => { moved = true; });
 map.on('rotate', () => { $('needle').style.transform = `rotate(${-map.getBearing()}deg)`; });
 map.on('click', async (event) => {
   const { lat, lng } = event.lngLat.wrap();

@@ -3,7 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <map>
+
+#include "tiling/mapping/mapper_settings.h"
 
 namespace overfly::tradeoff {
 namespace {
@@ -13,20 +16,28 @@ using tiling::MatchCost;
 
 class Grid {
  public:
+  explicit Grid(const MapperOptions& defaults) : defaults_(defaults) {}
   template <typename Change>
   void add(const std::string& axis, const std::string& text, Change&& change) {
-    SweepSetting setting{axis, text, false, {}, {}};
+    SweepSetting setting{axis, text, false, defaults_, 0, {}};
     change(setting.options);
     settings_.push_back(std::move(setting));
   }
   void addPoint(daemon::OperatingPoint point, bool is_default) {
-    SweepSetting setting{is_default ? "default" : "combined", point.name, is_default, {}, point};
+    SweepSetting setting{is_default ? "default" : "combined", point.name, is_default, defaults_, 0, point};
+    setting.options.sweep = point.applied(setting.options.sweep);
+    settings_.push_back(std::move(setting));
+  }
+  void addCoarser(const daemon::OperatingPoint& point, int zooms) {
+    SweepSetting setting{
+        "combined", fmt::format("texels of {} GSD, {}", 1 << zooms, point.name), false, defaults_, zooms, {}};
     setting.options.sweep = point.applied(setting.options.sweep);
     settings_.push_back(std::move(setting));
   }
   std::vector<SweepSetting> take() { return std::move(settings_); }
 
  private:
+  MapperOptions defaults_;
   std::vector<SweepSetting> settings_;
 };
 
@@ -49,10 +60,11 @@ daemon::OperatingPoint pointOf(const tiling::SweepOptions& o) {
 }  // namespace
 
 std::vector<SweepSetting> sweepSettings(bool quick) {
-  Grid grid;
-  const MapperOptions defaults;
+  const MapperOptions defaults = tiling::mapperOptions({});  // what maps are made with
+  Grid grid(defaults);
   daemon::OperatingPoint standard = pointOf(defaults.sweep);
   standard.name = nameOf(standard);
+  standard.as_set = true;
   grid.addPoint(standard, true);
   const auto wanted = [&](int value, std::initializer_list<int> quick_values) {
     return !quick || std::find(quick_values.begin(), quick_values.end(), value) != quick_values.end();
@@ -94,20 +106,35 @@ std::vector<SweepSetting> sweepSettings(bool quick) {
            [](MapperOptions& o) { o.working_scale = 0.5; });
 
   // From the fastest to the most accurate that the governor may choose.
-  for (const int images : {2, 3, 4, 6, 8, 14})
+  for (const int images : {2, 3, 4, 6, 8, standard.images})
     for (const int finest : {2, 1, 0})
       for (const bool thorough : {false, true}) {
-        if (quick && (images == 3 || images == 6 || images == 14)) continue;
+        if (quick && (images == 3 || images == 6)) continue;
         daemon::OperatingPoint p = standard;
+        p.as_set = false;
         p.images = images;
         p.finest_level = finest;
         p.two_surfaces = thorough;
         p.widenings = thorough ? standard.widenings : 0;
         if (finest == 2) p.window_radius = 2;
-        if (finest > 0 && thorough && images > 8) continue;  // dearer than the same without, and no better
+        if (finest == 2 && thorough) continue;  // dearer than the same without, and no better
         p.name = nameOf(p);
-        grid.addPoint(p, false);
+        if (p.name != standard.name) grid.addPoint(p, false);
       }
+  // Coarser maps: what a search from far above needs, and the fast end of the front.
+  for (const int zooms : {1, 2}) {
+    grid.addCoarser(standard, zooms);
+    daemon::OperatingPoint p = standard;
+    p.two_surfaces = false;
+    p.widenings = 0;
+    p.images = 4;
+    p.name = nameOf(p);
+    grid.addCoarser(p, zooms);
+  }
+  grid.add("combined", "plane step 0.4, regularised", [](MapperOptions& o) {
+    o.sweep.plane_step = 0.4;
+    o.sweep.regularise = true;
+  });
   return grid.take();
 }
 
@@ -116,6 +143,7 @@ Result<SweepTrials> trySweep(
     int repeats, const std::function<void(std::size_t, std::size_t, const std::string&)>& progress) {
   SweepTrials result;
   double slowest_sweep = 0;
+  std::optional<tiling::MapGround> native;
   const std::size_t total = settings.size();
   for (std::size_t i = 0; i < total; ++i) {
     const SweepSetting& setting = settings[i];
@@ -140,13 +168,16 @@ Result<SweepTrials> trySweep(
       };
       tiling::BatchOptions options;
       options.mapper = setting.options;
+      if (setting.coarser > 0 && native) options.ground.gsd_m = native->gsd_m * (1 << setting.coarser);
       Result<tiling::BatchResult> mapped = fail(ErrorCode::Internal, "not run");
       const Elapsed elapsed =
           elapsedOf([&] { mapped = tiling::mapFlight(context, reference.flight, options, events); });
       if (!mapped) return tl::unexpected(mapped.error());
       if (tiles.empty()) return fail(ErrorCode::BadInput, "no tile could be made of " + reference.name);
       if (i == 0 && run == 0) continue;
-      const auto count = static_cast<double>(tiles.size());
+      if (!native) native = mapped->ground;
+      const double count =
+          std::ldexp(static_cast<double>(tiles.size()), 2 * (native->base_zoom - mapped->ground.base_zoom));
       processor.push_back(elapsed.processor_ms / count);
       wall.push_back(elapsed.wall_ms / count);
       statistics = mapped->statistics;
@@ -186,6 +217,24 @@ Result<SweepTrials> trySweep(
   for (daemon::OperatingPoint& point : result.points) point.relative_time /= slowest_sweep;
   markFront(result.trials);
   return result;
+}
+
+std::vector<daemon::OperatingPoint> combined(const std::vector<std::vector<daemon::OperatingPoint>>& lists) {
+  if (lists.empty()) return {};
+  std::vector<daemon::OperatingPoint> points = lists.front();
+  const auto count = static_cast<double>(lists.size());
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    double log_time = 0, nmad = 0, complete = 0;
+    for (const std::vector<daemon::OperatingPoint>& list : lists) {
+      log_time += std::log(list.at(i).relative_time);
+      nmad += list[i].nmad_gsd;
+      complete += list[i].complete;
+    }
+    points[i].relative_time = std::exp(log_time / count);
+    points[i].nmad_gsd = nmad / count;
+    points[i].complete = complete / count;
+  }
+  return points;
 }
 
 }  // namespace overfly::tradeoff

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <tuple>
+#include <utility>
 
 namespace overfly::tiling {
 namespace {
@@ -38,7 +39,11 @@ void Scheduler::mark(const geo::TileKey& key, double knowledge, std::int64_t now
   if (fresh) waiting.order = next_order_++;
   waiting.knowledge = knowledge;
   waiting.last_ns = now_ns;
-  if (waiting.worth_ns < 0 && isWorth(key, waiting)) waiting.worth_ns = now_ns;
+  if (std::exchange(waiting.improvement, false)) waiting.worth_ns = -1;
+  if (waiting.worth_ns < 0 && isWorth(key, waiting)) {
+    waiting.worth_ns = now_ns;
+    ++worth_so_far_;
+  }
 }
 
 void Scheduler::markDue(const geo::TileKey& key, std::int64_t now_ns) {
@@ -49,6 +54,12 @@ void Scheduler::markDue(const geo::TileKey& key, std::int64_t now_ns) {
     if (const auto made = made_.find(key); made != made_.end()) it->second.knowledge = made->second;
   }
   if (it->second.worth_ns < 0) it->second.worth_ns = now_ns;
+}
+
+void Scheduler::markImprovable(const geo::TileKey& key, std::int64_t now_ns) {
+  if (waiting_.contains(key)) return;
+  markDue(key, now_ns);
+  waiting_.at(key).improvement = true;
 }
 
 void Scheduler::markStale(const geo::TileKey& key, std::int64_t now_ns) { stale_[key].since_ns = now_ns; }
@@ -107,8 +118,15 @@ std::int64_t Scheduler::dueTime(const geo::TileKey& key, const Waiting& waiting,
 std::int64_t Scheduler::overdue(std::int64_t now_ns) const {
   std::int64_t longest = 0;
   for (const auto& [key, waiting] : waiting_)
-    if (waiting.worth_ns >= 0) longest = std::max(longest, now_ns - waiting.worth_ns);
+    if (waiting.worth_ns >= 0 && !waiting.improvement) longest = std::max(longest, now_ns - waiting.worth_ns);
   return longest;
+}
+
+std::size_t Scheduler::worthTiles() const {
+  const auto worth = std::count_if(waiting_.begin(), waiting_.end(), [this](const auto& entry) {
+    return !entry.second.improvement && (landed_ || entry.second.worth_ns >= 0);
+  });
+  return static_cast<std::size_t>(worth);
 }
 
 std::int64_t Scheduler::dueTime(const Stale& stale) const {

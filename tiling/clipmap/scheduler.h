@@ -68,6 +68,8 @@ class Scheduler {
   void mark(const geo::TileKey& key, double knowledge, std::int64_t now_ns);
   // A pose among its frames was corrected, or the tile is damaged: due at once.
   void markDue(const geo::TileKey& key, std::int64_t now_ns);
+  // Its last sweep was a quick one: due, but nobody waits for it.
+  void markImprovable(const geo::TileKey& key, std::int64_t now_ns);
   // Its heights stand; its colours, or its neighbours' heights, do not.
   void markStale(const geo::TileKey& key, std::int64_t now_ns);
   // Stored by an earlier run, from views that tell `knowledge`.
@@ -98,6 +100,12 @@ class Scheduler {
   // machine is behind by: cells that wait for more views do not count.
   [[nodiscard]] std::int64_t overdue(std::int64_t now_ns) const;
 
+  // Cells that are worth a sweep and wait for it, and how many have become so since the start.
+  [[nodiscard]] std::size_t worthTiles() const;
+  [[nodiscard]] std::uint64_t worthSoFar() const { return worth_so_far_; }
+  // Frames that its last sweep did not have see the cell.
+  [[nodiscard]] bool waits(const geo::TileKey& key) const { return waiting_.contains(key); }
+
   // Cells whose frames or surroundings have changed since they were made.
   [[nodiscard]] std::size_t waitingTiles() const { return waiting_.size() + stale_.size(); }
   [[nodiscard]] std::size_t waitingParents() const { return parents_.size(); }
@@ -119,6 +127,7 @@ class Scheduler {
     std::int64_t not_before_ns = 0;  // after a failure
     std::uint64_t order = 0;
     int tries = 0;
+    bool improvement = false;  // only that: no frame is new
   };
   struct Stale {
     std::int64_t since_ns = 0;  // the last time
@@ -155,6 +164,7 @@ class Scheduler {
   bool landed_ = false;
   std::uint64_t next_order_ = 0;
   std::uint64_t dropped_ = 0;
+  std::uint64_t worth_so_far_ = 0;
   double tokens_ = 0;  // updates that the limit allows now
   std::optional<std::int64_t> tokens_ns_;
   std::optional<Eigen::Vector2d> clip_centre_;

@@ -43,6 +43,7 @@ struct SweptCell {
   HeightField field;
   std::vector<std::uint64_t> views;  // in the order of their choice
   std::vector<capture::Pose> poses;  // at that time
+  SweepOptions options;
   std::uint64_t last_use = 0;
 };
 
@@ -324,7 +325,7 @@ Result<SweptCell*> Mapper::Impl::swept(const geo::TileKey& cell, bool* changed) 
   SweptCell& entry = cells[cell];
   forgotten.erase(cell);
   entry.last_use = ++clock;
-  const bool same = !entry.field.height.empty() && entry.views == ids &&
+  const bool same = !entry.field.height.empty() && entry.views == ids && entry.options == options.sweep &&
                     std::equal(poses.begin(), poses.end(), entry.poses.begin(), entry.poses.end(), samePose);
   if (changed != nullptr) *changed = !same;
   if (same) return &entry;
@@ -349,6 +350,7 @@ Result<SweptCell*> Mapper::Impl::swept(const geo::TileKey& cell, bool* changed) 
   entry.field = std::move(*field);
   entry.views = std::move(ids);
   entry.poses = std::move(poses);
+  entry.options = options.sweep;
   return &entry;
 }
 
@@ -487,10 +489,10 @@ Result<std::vector<Tile>> Mapper::finishCell(const geo::TileKey& cell, Around ne
   const std::vector<geo::TileKey> around = neighboursOf(cell);
   double step_m = 0;
   for (std::size_t i = 0; i < around.size(); ++i) {
-    if (neighbours == Around::AsSwept && around[i] != cell) {
+    if (neighbours == Around::AsSwept) {
       const auto known = impl_->cells.find(around[i]);
       // One that has left the memory is swept again, so that the tile does not lose its rim.
-      if (known == impl_->cells.end() && !impl_->forgotten.contains(around[i])) continue;
+      if (around[i] != cell && known == impl_->cells.end() && !impl_->forgotten.contains(around[i])) continue;
       if (known != impl_->cells.end() && !known->second.field.height.empty()) {
         known->second.last_use = ++impl_->clock;
         fields[i] = &known->second.field;

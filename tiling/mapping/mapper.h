@@ -100,14 +100,14 @@ class Mapper {
   // changed: their colour is to be made again.
   [[nodiscard]] std::vector<geo::TileKey> balanceExposure();
 
-  // Sweeps a cell if its frame set has changed since it was last swept. True when it now has heights that it
-  // did not have before: the cell and its eight neighbours are to be finished.
+  // Sweeps a cell if its frame set, or the options of the sweep, have changed since it was last swept. True
+  // when it now has heights that it did not have before: the cell and its eight neighbours are to be finished.
   [[nodiscard]] Result<bool> sweepCell(const geo::TileKey& cell);
 
   // The level-0 tiles of a cell: blends the heights with those of the neighbouring cells, fills small holes,
   // colours. Empty tiles are left out. `Around::Current` sweeps the cell and its neighbours where their frame
-  // sets have changed. `Around::AsSwept` takes the neighbours as they were last swept, those never swept for
-  // empty: for a map in the making, whose changed cells all have their own turn.
+  // sets have changed. `Around::AsSwept` takes cell and neighbours as they were last swept, neighbours never
+  // swept for empty: for a map in the making, whose changed cells all have their own turn.
   enum class Around { Current, AsSwept };
   [[nodiscard]] Result<std::vector<Tile>> finishCell(const geo::TileKey& cell,
                                                      Around around = Around::Current);

@@ -43,6 +43,7 @@ struct SweepOptions {
   // repeats. Natural ground stays below 0.6. 1 or more: not asked for.
   double max_rival = 0.65;
   static constexpr int kMaxViews = 14;
+  friend bool operator==(const SweepOptions&, const SweepOptions&) = default;
 };
 
 // One image of the set, as the sweep sees it. Borrowed for the call.

@@ -135,7 +135,7 @@ std::string DaemonProcess::log() const {
 std::vector<std::string> DaemonProcess::missionNames() const {
   std::vector<std::string> names;
   for (const auto& entry : fs::directory_iterator(missions()))
-    names.push_back(entry.path().filename().string());
+    if (!entry.path().filename().string().starts_with(".")) names.push_back(entry.path().filename().string());
   std::sort(names.begin(), names.end());
   return names;
 }

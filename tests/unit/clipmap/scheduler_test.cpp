@@ -440,5 +440,38 @@ TEST(Scheduler, WhatIsUnfinishedCanBeTakenUpAgain) {
   EXPECT_TRUE(made.contains(after.layout().top()->key()));
 }
 
+// A quick sweep's cell is due, but the flight is not behind by it; a new frame makes it wait like any other.
+TEST(Scheduler, AnImprovementIsDueButNobodyWaitsForIt) {
+  const TileKey key{kZoom, 5, 7};
+  SchedulerOptions options;
+  options.first_knowledge = 1;
+  Scheduler scheduler(kZoom, options);
+  scheduler.cover(boxOf(key));
+  scheduler.mark(key, 1.5, 0);
+  EXPECT_EQ(scheduler.worthSoFar(), 1u);
+  const auto first = scheduler.next(0);
+  ASSERT_TRUE(first);
+  scheduler.done(*first, true, 0);
+  while (const auto job = scheduler.next(0)) scheduler.done(*job, true, 0);
+
+  scheduler.markImprovable(key, kSecond);
+  EXPECT_EQ(scheduler.worthTiles(), 0u);
+  EXPECT_EQ(scheduler.overdue(5 * kSecond), 0);
+  {
+    Scheduler other = scheduler;
+    const auto again = other.next(kSecond);
+    ASSERT_TRUE(again);
+    EXPECT_EQ(again->kind, Kind::Sweep);
+    EXPECT_EQ(again->key, key);
+  }
+  scheduler.mark(key, 1.6, 2 * kSecond);  // tells little more
+  EXPECT_EQ(scheduler.overdue(5 * kSecond), 0);
+  EXPECT_TRUE(scheduler.waits(key));
+  scheduler.mark(key, 4, 3 * kSecond);
+  EXPECT_EQ(scheduler.worthTiles(), 1u);
+  EXPECT_EQ(scheduler.worthSoFar(), 2u);
+  EXPECT_EQ(scheduler.overdue(5 * kSecond), 2 * kSecond);
+}
+
 }  // namespace
 }  // namespace overfly::tiling

@@ -10,6 +10,8 @@
 #include <functional>
 #include <vector>
 
+#include "tiling/mapping/mapper_settings.h"
+
 namespace overfly::daemon {
 namespace {
 
@@ -194,6 +196,45 @@ TEST(Governor, LearnsTheDevicesSpeed) {
   Governor governor(table, {});
   for (int i = 0; i < 100; ++i) governor.swept(3, 0.7 * table[3].relative_time);
   EXPECT_NEAR(governor.deviceSeconds(), 0.7, 1e-6);
+}
+
+TEST(Governor, OtherWorkOfACellCountsAtEveryPoint) {
+  const OperatingTable table = eightPoints();
+  Governor governor(table, {});
+  for (int i = 0; i < 400; ++i) {  // in bursts of ten cells, as batches come
+    if (i % 10 == 0) governor.alsoSpent(2.0);
+    governor.swept(7, 0.5);
+  }
+  EXPECT_NEAR(governor.secondsPerCell(7), 0.7, 0.04);
+  EXPECT_NEAR(governor.secondsPerCell(0), 0.5 * table[0].relative_time + 0.2, 0.04);
+}
+
+// Whoever asks for a small window or few images in the settings never gets more of them.
+TEST(OperatingPoint, TakesTheCheaperOfItselfAndTheSettings) {
+  OperatingPoint point = pointOf(0.5, 1);
+  point.images = 8;
+  point.finest_level = 1;
+  point.window_radius = 3;
+  point.two_surfaces = false;
+  tiling::SweepOptions settings;
+  settings.max_views = 5;
+  settings.window_radius = 4;
+  settings.max_planes = 77;
+  const tiling::SweepOptions applied = point.applied(settings);
+  EXPECT_EQ(applied.max_views, 5);
+  EXPECT_EQ(applied.window_radius, 3);
+  EXPECT_EQ(applied.finest_level, 1);
+  EXPECT_EQ(applied.max_planes, 77);
+  EXPECT_FALSE(applied.two_surfaces);
+}
+
+// The table that the program brings along ends with what maps are made with by default.
+TEST(OperatingTable, ShippedEndsWithTheDefaultSettings) {
+  const OperatingTable& table = OperatingTable::shipped();
+  ASSERT_GE(table.size(), 4u);
+  const tiling::SweepOptions defaults = tiling::mapperOptions({}).sweep;
+  EXPECT_EQ(table[table.size() - 1].applied(defaults), defaults);
+  EXPECT_NE(table[table.size() - 2].applied(defaults), defaults);
 }
 
 }  // namespace
