@@ -40,7 +40,8 @@ class FrameSourceCompliance : public testing::TestWithParam<SourceKind> {
 };
 
 TEST_P(FrameSourceCompliance, FirstFrameComesWithPixelsAndACamera) {
-  ASSERT_TRUE(source_->open());
+  const auto opened = source_->open();
+  ASSERT_TRUE(opened) << opened.error().message;
   const auto frame = source_->next(kind().patience);
   ASSERT_TRUE(frame) << frame.error().message;
   ASSERT_TRUE(*frame);

@@ -16,7 +16,7 @@ using testing::HasSubstr;
 LiveCameraOptions optionsFor(const std::string& device) {
   LiveCameraOptions options;
   options.device = device;
-  options.width = options.lens.width = 640;
+  options.width = options.lens.width = 636;
   options.height = options.lens.height = 480;
   options.lens.fx = options.lens.fy = 600;
   options.lens.cx = 320;
@@ -25,7 +25,7 @@ LiveCameraOptions optionsFor(const std::string& device) {
   return options;
 }
 
-// OVERFLY_LIBCAMERA_DEVICE names a real camera, by id or model, that gives 640x480,
+// OVERFLY_LIBCAMERA_DEVICE names a real camera, by id or model, that gives 636x480,
 // as vimc's.
 std::vector<SourceKind> kinds() {
   const char* device = std::getenv("OVERFLY_LIBCAMERA_DEVICE");
