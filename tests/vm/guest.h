@@ -16,8 +16,8 @@ class Guest {
     std::string output;  // stdout and stderr
   };
 
-  // Why no guest can run here, in one sentence; empty when one can. The first call makes the image where the
-  // cache has none, for at most OVERFLY_VM_BUILD_SECONDS (default 900).
+  // Why no guest can run here, in one sentence; empty when one can. Where the
+  // cache has no image the first call makes it if OVERFLY_VM_BUILD_SECONDS allows it so long (default 0).
   [[nodiscard]] static std::string whyNot();
 
   // `disk`: keeps what the guest writes, so that it outlives a power-off; made when it is not there. Empty:
