@@ -4,6 +4,7 @@
 #include <turbojpeg.h>
 
 #include <algorithm>
+#include <bit>
 #include <cstring>
 #include <memory>
 
@@ -40,23 +41,35 @@ Image blank(PixelFormat format, int width, int height) {
   return image;
 }
 
-Result<Image> decodeJpeg(const Image& jpeg, PixelFormat format, int divide) {
+// `out(size)` gives the memory for a picture of that size.
+template <typename Out>
+Result<void> decodeJpegInto(const Image& jpeg, int layout, int divide, const Out& out) {
   const Handle decoder(tjInitDecompress());
   if (!decoder) return fail(ErrorCode::Internal, "libjpeg-turbo does not start");
-  const auto size = readHeader(decoder.get(), jpeg.bytes);
-  if (!size) return tl::unexpected(size.error());
-  Image image = blank(format, (size->width + divide - 1) / divide, (size->height + divide - 1) / divide);
-  const int layout = format == PixelFormat::Grey8  ? TJPF_GRAY
-                     : format == PixelFormat::Rgb8 ? TJPF_RGB
-                                                   : TJPF_BGR;
-  if (tjDecompress2(decoder.get(), jpeg.bytes.data(), jpeg.bytes.size(), image.bytes.data(), image.width,
-                    image.stride, image.height, layout, TJFLAG_ACCURATEDCT) != 0) {
+  const auto full = readHeader(decoder.get(), jpeg.bytes);
+  if (!full) return tl::unexpected(full.error());
+  const ImageSize size{(full->width + divide - 1) / divide, (full->height + divide - 1) / divide};
+  if (tjDecompress2(decoder.get(), jpeg.bytes.data(), jpeg.bytes.size(), out(size), size.width,
+                    size.width * tjPixelSize[layout], size.height, layout, TJFLAG_ACCURATEDCT) != 0) {
     // Some cameras leave padding between markers: the one warning that says nothing about the pixels.
     const char* reason = tjGetErrorStr2(decoder.get());
     if (tjGetErrorCode(decoder.get()) != TJERR_WARNING || !std::strstr(reason, "extraneous bytes")) {
       return fail(ErrorCode::BadInput, fmt::format("the JPEG is damaged: {}", reason));
     }
   }
+  return {};
+}
+
+Result<Image> decodeJpeg(const Image& jpeg, PixelFormat format, int divide) {
+  Image image;
+  const int layout = format == PixelFormat::Grey8  ? TJPF_GRAY
+                     : format == PixelFormat::Rgb8 ? TJPF_RGB
+                                                   : TJPF_BGR;
+  const auto done = decodeJpegInto(jpeg, layout, divide, [&](const ImageSize& size) {
+    image = blank(format, size.width, size.height);
+    return image.bytes.data();
+  });
+  if (!done) return tl::unexpected(done.error());
   return image;
 }
 
@@ -176,6 +189,60 @@ Result<Image> decodeImage(const Image& image, PixelFormat format, int divide) {
   if (image.format == PixelFormat::Jpeg) return decodeJpeg(image, format, divide);
   Image plain = convert(image, format);
   return divide == 1 ? std::move(plain) : shrink(plain, divide);
+}
+
+Result<WordImage> decodeImageWords(const Image& image, int divide) {
+  if (divide != 1 && divide != 2 && divide != 4 && divide != 8)
+    return fail(ErrorCode::Unsupported, fmt::format("images are divided by 1, 2, 4 or 8, not by {}", divide));
+  if (const auto problem = problemOf(image)) return fail(ErrorCode::BadInput, *problem);
+  WordImage words;
+  const auto allocate = [&words](const ImageSize& size) {
+    words.width = size.width;
+    words.height = size.height;
+    words.rgbx.resize(4 * static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height));
+    return words.rgbx.data();
+  };
+  if (image.format == PixelFormat::Jpeg) {
+    if (auto done = decodeJpegInto(image, TJPF_RGBX, divide, allocate); !done)
+      return tl::unexpected(done.error());
+    return words;
+  }
+  if (image.format != PixelFormat::Rgb8 && image.format != PixelFormat::Bgr8) {
+    const Image plain = convert(image, PixelFormat::Rgb8);
+    return decodeImageWords(plain, divide);
+  }
+  std::uint8_t* out = allocate({(image.width + divide - 1) / divide, (image.height + divide - 1) / divide});
+  const std::size_t red = image.format == PixelFormat::Bgr8 ? 2 : 0;
+  const auto stride = static_cast<std::size_t>(image.stride);
+  std::vector<std::uint16_t> sums(3 * static_cast<std::size_t>(image.width));
+  for (int y = 0; y < words.height; ++y) {
+    // Rows are summed first, along memory; then the columns.
+    const int rows = std::min(divide, image.height - y * divide);
+    const std::uint8_t* in = image.bytes.data() + static_cast<std::size_t>(y * divide) * stride;
+    std::copy_n(in, sums.size(), sums.begin());
+    for (int j = 1; j < rows; ++j) {
+      in += stride;
+      for (std::size_t i = 0; i < sums.size(); ++i) sums[i] = static_cast<std::uint16_t>(sums[i] + in[i]);
+    }
+    for (int x = 0; x < words.width; ++x, out += 4) {
+      const int columns = std::min(divide, image.width - x * divide);
+      const std::uint16_t* sum = sums.data() + 3 * static_cast<std::size_t>(x * divide);
+      const auto count = static_cast<unsigned>(rows * columns);
+      unsigned total[3] = {0, 0, 0};
+      for (int i = 0; i < columns; ++i, sum += 3)
+        for (std::size_t c = 0; c < 3; ++c) total[c] += sum[c];
+      const bool whole = rows == divide && columns == divide;
+      for (std::size_t c = 0; c < 3; ++c) {
+        const unsigned t = total[c == 1 ? 1 : c == 0 ? red : 2 - red];
+        // A whole cell divides by a power of two.
+        out[c] = static_cast<std::uint8_t>(
+            whole ? (t + count / 2) >>
+                        (2 * static_cast<unsigned>(std::countr_zero(static_cast<unsigned>(divide))))
+                  : (t + count / 2) / count);
+      }
+    }
+  }
+  return words;
 }
 
 Result<Image> encodeJpeg(const Image& image, int quality) {

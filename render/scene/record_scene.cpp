@@ -89,7 +89,8 @@ Result<RecordedScene> recordScene(const std::shared_ptr<const World>& world,
   std::int64_t start_ns = kFlightStart_ns;
   for (std::size_t done = 0; done < total;) {
     Result<capture::FramePtr> frame = source.next(std::chrono::seconds(10));
-    if (!frame && frame.error().code == ErrorCode::Unavailable && done > 0) continue;  // slow machine
+    // A slow machine; the first frame waits for the shaders' compilation as well.
+    if (!frame && frame.error().code == ErrorCode::Unavailable) continue;
     if (!frame) return tl::unexpected<Error>(frame.error());
     if (!*frame) break;
     const PlannedFrame& planned = recorded.plan.frames[done];

@@ -231,7 +231,7 @@ std::optional<TileJob> Scheduler::nextParent() {
                  tries == parent_tries_.end() ? 0 : tries->second};
 }
 
-void Scheduler::addParentOf(const geo::TileKey& key) {
+void Scheduler::markParentOf(const geo::TileKey& key) {
   const int level = layout_.levelOf(key.zoom);
   if (const auto parent = layout_.parent(key))
     parents_.insert({level + 1, *parent});
@@ -257,7 +257,7 @@ void Scheduler::done(const TileJob& job, bool changed, std::int64_t now_ns) {
     std::erase_if(running_parents_, [&](const ParentEntry& entry) { return entry.second == job.key; });
     std::erase_if(parent_tries_, [&](const auto& entry) { return entry.first.second == job.key; });
   }
-  if (changed && job.kind != TileJob::Kind::Top) addParentOf(job.key);
+  if (changed && job.kind != TileJob::Kind::Top) markParentOf(job.key);
 }
 
 void Scheduler::failed(const TileJob& job, std::int64_t now_ns) {

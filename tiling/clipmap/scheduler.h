@@ -76,6 +76,9 @@ class Scheduler {
   void assumeMade(const geo::TileKey& key, double knowledge);
   // A tile above level 0 is to be made again from its children (after a restart, or when it is damaged).
   void markParent(const geo::TileKey& key);
+  // A tile was made without a job of this scheduler: what is made from it is due. An area that covers it is
+  // known.
+  void markParentOf(const geo::TileKey& key);
   // True: no more frames will come, so nothing is waited for.
   void setLanded(bool landed) { landed_ = landed; }
 
@@ -146,7 +149,6 @@ class Scheduler {
   void chooseBatch(std::int64_t now_ns);
   void chooseSweeps(std::size_t most, bool spare, std::int64_t now_ns);
   void chooseFinishes(std::size_t most, std::int64_t now_ns);
-  void addParentOf(const geo::TileKey& key);
   [[nodiscard]] std::optional<TileJob> nextParent();
 
   SchedulerOptions options_;

@@ -15,7 +15,7 @@ namespace overfly::tiling {
 namespace {
 
 // Coded tiles that wait for the disk: little, so that a slow disk slows the map instead of filling memory.
-constexpr std::size_t kQueueBytes = 8u << 20;
+constexpr std::size_t kQueueBytes = 2u << 20;
 
 double threadCpu_s() {
   timespec t{};
@@ -91,7 +91,7 @@ PlanarMap::PlanarMap(MapStore store, MapReader reader, geo::TileLattice lattice,
       tile_size_(writer_.meta().tile_size),
       base_zoom_(writer_.meta().base_zoom),
       index_(lattice_),
-      scheduler_(base_zoom_, options.schedule),
+      scheduler_(base_zoom_, {}),
       images_(options.image_bytes) {}
 
 PlanarMap::~PlanarMap() = default;
@@ -141,45 +141,33 @@ Result<void> PlanarMap::takeNext() {
   images_.insert(arriving.id, std::move(*image), bytes);
   const IndexedFrame& record = *index_.find(arriving.id);
   scheduler_.cover(boxOf(record.footprint));
-  for (const geo::TileKey& key : FrameIndex::tilesUnder(record, base_zoom_)) {
-    scheduler_.mark(key, 1.0, now_ns());
-    new_frames_[key].push_back(arriving.id);
-  }
-  return work();
+  if (auto made = makeTiles(arriving.id, FrameIndex::tilesUnder(record, base_zoom_)); !made) return made;
+  const bool full = batch_.tiles.size() >= static_cast<std::size_t>(std::max(1, options_.batch_tiles));
+  return full || batch_bytes_ > options_.tile_bytes ? finishBatch() : Result<void>{};
 }
 
-// Level-0 tiles, then their parents level by level: one transaction.
-Result<void> PlanarMap::work() {
-  Batch batch;
+// The parents of what the batch holds, level by level; then all of it is one transaction.
+Result<void> PlanarMap::finishBatch() {
   for (;;) {
     std::vector<TileJob> jobs;
     while (auto job = scheduler_.next(now_ns())) jobs.push_back(*job);
-    // On level ground there is nothing to sweep, and no neighbour whose heights would change.
-    if (!jobs.empty() && jobs.front().kind == TileJob::Kind::Sweep) {
-      for (const TileJob& job : jobs) scheduler_.done(job, false, now_ns());
-      continue;
-    }
-    const bool from_frames = !jobs.empty() && jobs.front().kind == TileJob::Kind::Finish;
-    if ((jobs.empty() || from_frames) && !batch.tiles.empty()) {
-      if (auto ok = submit(std::move(batch)); !ok) return ok;
-      batch = {};
-    }
-    if (jobs.empty()) return {};
-    if (auto made = from_frames ? makeTiles(jobs, batch) : makeParents(jobs, batch); !made) return made;
+    if (jobs.empty()) break;
+    if (auto made = makeParents(jobs); !made) return made;
   }
+  return batch_.tiles.empty() ? Result<void>{} : submit();
 }
 
-Result<void> PlanarMap::makeTiles(std::span<const TileJob> jobs, Batch& batch) {
-  std::vector<std::optional<PlanarPlan>> planned(jobs.size());
-  auto done = inParallel(jobs.size(), options_.threads, [&](std::size_t i) -> Result<void> {
+Result<void> PlanarMap::makeTiles(std::uint64_t id, std::span<const geo::TileKey> keys) {
+  std::vector<std::optional<PlanarPlan>> planned(keys.size());
+  auto done = inParallel(keys.size(), options_.threads, [&](std::size_t i) -> Result<void> {
     const double start = threadCpu_s();
-    auto candidates = index_.framesForTile(jobs[i].key, options_.height_m, options_.height_m);
+    auto candidates = index_.framesForTile(keys[i], options_.height_m, options_.height_m);
     // Frames that have arrived but whose turn is still to come.
     std::erase_if(candidates, [&](const IndexedFrame* frame) {
       return std::any_of(arriving_.begin(), arriving_.end(),
                          [&](const Arriving& arriving) { return arriving.id == frame->id; });
     });
-    planned[i].emplace(lattice_, jobs[i].key, tile_size_, options_.height_m, candidates);
+    planned[i].emplace(lattice_, keys[i], tile_size_, options_.height_m, candidates);
     const std::scoped_lock lock(statistics_mutex_);
     statistics_.plan_s += threadCpu_s() - start;
     return {};
@@ -187,19 +175,12 @@ Result<void> PlanarMap::makeTiles(std::span<const TileJob> jobs, Batch& batch) {
   if (!done) return done;
 
   std::vector<PlanarPlan> plans;
-  std::vector<TileJob> useful;
-  for (std::size_t i = 0; i < jobs.size(); ++i) {
-    const auto marked = new_frames_.find(jobs[i].key);
-    const std::vector<std::uint64_t>& frames = planned[i]->frames();
-    if (std::any_of(marked->second.begin(), marked->second.end(),
-                    [&](std::uint64_t id) { return std::binary_search(frames.begin(), frames.end(), id); })) {
-      plans.push_back(std::move(*planned[i]));
-      useful.push_back(jobs[i]);
-    } else {
+  for (auto& plan : planned) {
+    const std::vector<std::uint64_t>& frames = plan->frames();
+    if (std::binary_search(frames.begin(), frames.end(), id))
+      plans.push_back(std::move(*plan));
+    else
       ++statistics_.unchanged;
-      scheduler_.done(jobs[i], false, now_ns());
-    }
-    new_frames_.erase(marked);
   }
   const auto images = imagesOf(plans);
   if (!images) return tl::unexpected(images.error());
@@ -224,12 +205,11 @@ Result<void> PlanarMap::makeTiles(std::span<const TileJob> jobs, Batch& batch) {
   if (!done) return done;
   for (std::size_t i = 0; i < plans.size(); ++i) {
     // A tile of which the frame only grazes a corner may be empty; it is not stored.
-    const bool empty = tiles[i].empty();
-    scheduler_.done(useful[i], !empty, now_ns());
-    if (empty) continue;
+    if (tiles[i].empty()) continue;
     ++statistics_.tiles;
+    scheduler_.markParentOf(tiles[i].key);
     keep(std::move(tiles[i]));
-    batch.tiles.push_back(std::move(writes[i]));
+    batch_.tiles.push_back(std::move(writes[i]));
   }
   return {};
 }
@@ -274,7 +254,7 @@ Result<std::shared_ptr<const Tile>> PlanarMap::child(const geo::TileKey& key) {
   return tl::unexpected(stored.error());
 }
 
-Result<void> PlanarMap::makeParents(std::span<const TileJob> jobs, Batch& batch) {
+Result<void> PlanarMap::makeParents(std::span<const TileJob> jobs) {
   // Children that left memory are read from the store: everything older must be there.
   std::vector<std::array<std::shared_ptr<const Tile>, 4>> children(jobs.size());
   const bool top = jobs.front().kind == TileJob::Kind::Top;
@@ -321,7 +301,7 @@ Result<void> PlanarMap::makeParents(std::span<const TileJob> jobs, Batch& batch)
     if (empty) continue;
     ++statistics_.parents;
     if (!top) keep(std::move(tiles[j]));
-    batch.tiles.push_back(std::move(writes[j]));
+    batch_.tiles.push_back(std::move(writes[j]));
   }
   return {};
 }
@@ -335,9 +315,10 @@ void PlanarMap::keep(Tile&& tile) {
     recent_order_.push_back(key);
   place = std::make_shared<const Tile>(std::move(tile));
   recent_bytes_ += bytesOf(*place);
+  batch_bytes_ += bytesOf(*place);
 }
 
-Result<void> PlanarMap::submit(Batch&& batch) {
+Result<void> PlanarMap::submit() {
   // Only what is on its way to the store may leave memory.
   while (recent_bytes_ > options_.tile_bytes) {
     const auto oldest = recent_.find(recent_order_.front());
@@ -347,12 +328,14 @@ Result<void> PlanarMap::submit(Batch&& batch) {
   }
   const auto start = std::chrono::steady_clock::now();
   for (;;) {
-    const auto submitted = writer_.submit(std::move(batch));
+    const auto submitted = writer_.submit(std::move(batch_));
     if (submitted) break;
     if (submitted.error().code != ErrorCode::Unavailable) return tl::unexpected(submitted.error());
     if (!writer_.flush(std::chrono::seconds(60)))
       return fail(ErrorCode::Io, "the disk does not take the map: " + writer_.status().reason);
   }
+  batch_ = {};
+  batch_bytes_ = 0;
   statistics_.commit_s += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return {};
 }
@@ -360,6 +343,7 @@ Result<void> PlanarMap::submit(Batch&& batch) {
 Result<void> PlanarMap::finish() {
   while (!arriving_.empty())
     if (auto ok = takeNext(); !ok) return ok;
+  if (auto ok = finishBatch(); !ok) return ok;
   const auto start = std::chrono::steady_clock::now();
   if (!writer_.flush(std::chrono::seconds(60)))
     return fail(ErrorCode::Io, "the disk does not take the map: " + writer_.status().reason);

@@ -28,9 +28,8 @@ struct PlanarOptions {
   int ahead = 2;                         // frames that are decoded before their turn
   std::size_t image_bytes = 256u << 20;  // decoded frames kept; a frame that has left is loaded again
   std::size_t tile_bytes = 64u << 20;    // decoded tiles kept for their parents, beside one batch
-  // Every new frame is worth an update: a projection costs little.
-  SchedulerOptions schedule{
-      .first_knowledge = 0, .growth = 0, .max_wait_s = 0, .settle_s = 0, .batch_tiles = 256};
+  int batch_tiles = 128;  // updates of level 0 before their parents are made and all is committed; higher
+                          // saves parents and syncs, and shows the map later. Less when tile_bytes is reached
   EncodeOptions encoding;
 };
 
@@ -43,9 +42,9 @@ struct PlanarStatistics {
 };
 
 // The Flexible Clipmap of the GRAPP paper: frames are laid onto a plane, level-0 tiles are made again as
-// frames arrive, their parents follow level by level, each once per batch, and every batch is one
-// transaction of the map's store. For flat ground, and for a first look before heights are known; the sweep's
-// true orthophoto (tiling/mapping) replaces it where the ground is not flat.
+// frames arrive, their parents follow level by level, each once per batch, and every batch (of some frames)
+// is one transaction of the map's store. For flat ground, and for a first look before heights are known; the
+// sweep's true orthophoto (tiling/mapping) replaces it where the ground is not flat.
 //
 // A tile is a function of the frames that see it (PlanarPlan). A new frame that gives a tile no texel leaves
 // it as it is. Memory is bounded by the options, whatever the map's size.
@@ -82,12 +81,12 @@ class PlanarMap {
 
   [[nodiscard]] Result<PlanarImagePtr> decode(const capture::Frame& frame, double gsd_m);
   [[nodiscard]] Result<void> takeNext();
-  [[nodiscard]] Result<void> work();
-  [[nodiscard]] Result<void> makeTiles(std::span<const TileJob> jobs, Batch& batch);
+  [[nodiscard]] Result<void> finishBatch();
+  [[nodiscard]] Result<void> makeTiles(std::uint64_t id, std::span<const geo::TileKey> keys);
   [[nodiscard]] Result<std::vector<std::vector<PlanarImagePtr>>> imagesOf(std::span<const PlanarPlan> plans);
-  [[nodiscard]] Result<void> makeParents(std::span<const TileJob> jobs, Batch& batch);
+  [[nodiscard]] Result<void> makeParents(std::span<const TileJob> jobs);
   [[nodiscard]] Result<std::shared_ptr<const Tile>> child(const geo::TileKey& key);
-  [[nodiscard]] Result<void> submit(Batch&& batch);
+  [[nodiscard]] Result<void> submit();
   void keep(Tile&& tile);
   [[nodiscard]] std::int64_t now_ns() { return ++clock_; }
 
@@ -98,15 +97,15 @@ class PlanarMap {
   int tile_size_ = 0, base_zoom_ = 0;
   double texel_m_ = 0;  // at the first frame
   FrameIndex index_;
-  Scheduler scheduler_;
+  Scheduler scheduler_;  // of the parents; tiles of level 0 are made as frames come
   std::deque<Arriving> arriving_;
   std::map<std::uint64_t, Source> sources_;
   PinnedLru<PlanarImage> images_;
   // Decoded tiles by key, the oldest first to go.
   std::map<geo::TileKey, std::shared_ptr<const Tile>> recent_;
   std::deque<geo::TileKey> recent_order_;
-  std::size_t recent_bytes_ = 0;
-  std::map<geo::TileKey, std::vector<std::uint64_t>> new_frames_;  // since the tile was last made
+  std::size_t recent_bytes_ = 0, batch_bytes_ = 0;  // of all; of those made in this batch
+  Batch batch_;                                     // of several frames
   std::int64_t clock_ = 0;
   std::mutex statistics_mutex_;
   PlanarStatistics statistics_;

@@ -61,6 +61,31 @@ TEST(ImageDecode, AFractionOfTheSizeShowsTheSamePicture) {
   }
 }
 
+// Sides that no divisor divides: the last row and column average what there is.
+TEST(ImageDecode, WordsHoldTheSamePixelsAsRgb) {
+  Image rgb;
+  rgb.format = PixelFormat::Rgb8;
+  rgb.width = 53;
+  rgb.height = 37;
+  rgb.stride = 3 * rgb.width + 5;
+  for (int i = 0; i < rgb.stride * rgb.height; ++i)
+    rgb.bytes.push_back(static_cast<std::uint8_t>((i * 2654435761U) >> 13));
+  Image bgr = rgb;
+  bgr.format = PixelFormat::Bgr8;
+  for (const Image& image : {rgb, bgr, *encodeJpeg(rgb, 90), *decodeImage(rgb, PixelFormat::Grey8)})
+    for (const int divide : {1, 2, 4, 8}) {
+      const auto plain = decodeImage(image, PixelFormat::Rgb8, divide);
+      const auto words = decodeImageWords(image, divide);
+      ASSERT_TRUE(plain && words);
+      ASSERT_EQ(words->width, plain->width);
+      ASSERT_EQ(words->height, plain->height);
+      ASSERT_EQ(words->rgbx.size() / 4 * 3, plain->bytes.size());
+      for (std::size_t i = 0; i < plain->bytes.size(); ++i)
+        ASSERT_EQ(words->rgbx[i / 3 * 4 + i % 3], plain->bytes[i]) << "by " << divide << " at " << i;
+    }
+  EXPECT_FALSE(decodeImageWords(rgb, 3));
+}
+
 TEST(ImageDecode, Nv12HasTheColoursOfItsJpeg) {
   Image nv12;
   nv12.format = PixelFormat::Nv12;
