@@ -1,0 +1,47 @@
+#pragma once
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <map>
+#include <span>
+
+#include "capture/geo/geodetic.h"
+#include "tiling/accuracy/accuracy.h"
+
+namespace overfly::tiling {
+
+// to = scale * turn * from + shift, metres in one local ENU.
+struct Similarity {
+  double scale = 1;
+  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d shift = Eigen::Vector3d::Zero();
+  [[nodiscard]] Eigen::Vector3d operator()(const Eigen::Vector3d& from) const {
+    return scale * (turn * from) + shift;
+  }
+};
+
+// Least squares over pairs (Umeyama 1991); at least three that do not lie on a line.
+[[nodiscard]] Similarity similarityBetween(std::span<const Eigen::Vector3d> from,
+                                           std::span<const Eigen::Vector3d> to);
+
+// Heights of a map whose place, level and scale are not those of the reference, because its poses come from
+// elsewhere. One half of the reference points (every second one) fits a similarity, the other half judges.
+struct AlignedComparison {
+  Similarity map_from_reference;  // in the given local ENU
+  std::size_t fitted_points = 0;
+  ErrorStatistics strong, all;  // of the other half, after the similarity, in reference GSD
+  // What a similarity does not take away: a quadratic surface through the errors of the other half (Huber),
+  // less the plane that fits it best. Largest at the corners of the points' bounding box, and its RMS over
+  // the points; GSD.
+  double dome_corner = 0, dome_rms = 0;
+  Eigen::Vector3d dome = Eigen::Vector3d::Zero();  // of x^2, xy, y^2: GSD per (100 m)^2, x east, y north
+};
+
+// `start`: map_from_reference to begin from, as between camera centres. Heights fit level and height freely;
+// what flat ground does not show (place, heading, scale) stays near the start (1 m, 0.6 degrees, 0.5 %).
+[[nodiscard]] AlignedComparison compareAligned(const std::map<geo::TileKey, Tile>& tiles,
+                                               const geo::TileLattice& lattice, int zoom, double anchor_px,
+                                               std::span<const ReferencePoint> points,
+                                               const geo::LocalFrame& local, double gsd_m,
+                                               const Similarity& start);
+
+}  // namespace overfly::tiling
