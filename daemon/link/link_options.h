@@ -21,6 +21,7 @@ struct LinkOptions {
 
   double max_kbps = 0;  // cap over all clients, 1000 bit/s of payload and headers; 0: none
 
+  // Beyond either, whoever has waited longest without a request is dropped for the newcomer.
   unsigned max_connections = 1024;
   unsigned max_connections_per_address = 256;
   std::size_t max_request_header_bytes = 16 * 1024;

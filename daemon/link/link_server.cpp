@@ -72,7 +72,8 @@ Result<void> LinkServer::start() {
         const auto& address = impl_->options.address;
         return (address.find(':') == std::string::npos ? address : "[" + address + "]") + ":" +
                std::to_string(port());
-      });
+      },
+      [&self] { self.server->wakeStreams(); });
   self.server = std::make_unique<HttpServer>(
       self.options, [&self](Request& request) { return self.access->refuse(request); },
       [&self](const Request& request) {
@@ -88,6 +89,7 @@ Result<void> LinkServer::start() {
 void LinkServer::stop() {
   auto& self = *impl_;
   self.watcher = {};
+  if (self.routes) self.routes->stopPreviews();
   if (self.server) self.server->stop();
 }
 

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "capture/geo/geodetic.h"
 #include "capture/geo/tile_lattice.h"
 #include "config/error.h"
 #include "daemon/link/link_options.h"
@@ -29,6 +30,23 @@ struct Health {
   std::string reason;  // one line, for people
 };
 
+// A picture of the map from any view point (docs/preview.md).
+struct PreviewView {
+  geo::Geodetic position;                  // radians; metres in the map's datum
+  double heading = 0, pitch = 0, fov = 1;  // radians: from north towards east, above the horizon, across
+  int width = 0, height = 0;               // pixels
+};
+struct PreviewPicture {
+  int width = 0, height = 0;
+  std::vector<std::uint8_t> rgba;  // row 0 at the top
+};
+// What a client may ask for.
+struct PreviewLimits {
+  int max_width = 1280, max_height = 720;
+  double max_fps = 10;  // single pictures of all clients together; and of each stream
+  int jpeg_quality = 80;
+};
+
 // What the link asks of whoever runs it. The defaults are those of a finished map that is only shown.
 // Thread rule: called from several of the link's workers at once; must return within milliseconds.
 class LinkBackend {
@@ -47,6 +65,15 @@ class LinkBackend {
   virtual void interest(const geo::TileKey& /*key*/) {}
   virtual void interest(const tiling::PlaneBox& /*box*/) {}
 
+  // The map as it is at this moment. One call at a time; may take seconds, unlike the others. Unsupported:
+  // nothing is drawn here; Unavailable: not now.
+  [[nodiscard]] virtual Result<PreviewPicture> preview(const Mission& /*mission*/,
+                                                       const PreviewView& /*view*/) {
+    return fail(ErrorCode::Unsupported,
+                "previews are drawn by the daemon on board, not from a map that is only shown");
+  }
+  [[nodiscard]] virtual PreviewLimits previewLimits() const { return {}; }
+
   // Starts or ends a mission on a client's word; Unsupported where that is not for the link to do.
   [[nodiscard]] virtual Result<Mission> startMission(const std::string& /*name*/) {
     return fail(ErrorCode::Unsupported, "missions cannot be started here");
@@ -60,7 +87,7 @@ class LinkBackend {
 // so it neither waits for the mapping stages nor makes them wait.
 //
 // Thread rules: start() once; every other call from any thread. Threads: one epoll thread, `workers`
-// workers, one clock, one that watches the current map's revision.
+// workers, one clock, one that watches the current map's revision, one that draws streams of previews.
 class LinkServer {
  public:
   LinkServer(LinkOptions options, std::shared_ptr<LinkBackend> backend);

@@ -3,19 +3,25 @@
 
 #include "daemon/link/link_server.h"
 #include "daemon/overflyd/missions.h"
+#include "daemon/overflyd/onboard_view.h"
 
 namespace overfly::daemon {
 
-// What the link asks, answered from the missions. Thread-safe. `missions` must outlive the link.
+// What the link asks, answered from the missions. Thread-safe. `missions` and `view` must outlive the link.
 class Backend final : public link::LinkBackend {
  public:
-  explicit Backend(Missions& missions) : missions_(missions) {}
+  Backend(Missions& missions, OnboardView& view) : missions_(missions), view_(view) {}
 
   [[nodiscard]] std::vector<link::Mission> missions() const override;
   [[nodiscard]] std::string statusJson() const override;
   [[nodiscard]] std::string metricsText() const override;
   [[nodiscard]] link::Health health() const override;
   void interest(const geo::TileKey& key) override;
+  [[nodiscard]] Result<link::PreviewPicture> preview(const link::Mission& mission,
+                                                     const link::PreviewView& view) override {
+    return view_.draw(mission.map, view);
+  }
+  [[nodiscard]] link::PreviewLimits previewLimits() const override { return view_.limits(); }
   [[nodiscard]] Result<link::Mission> startMission(const std::string& name) override;
   [[nodiscard]] Result<void> stopMission() override { return missions_.stop(); }
 
@@ -24,6 +30,7 @@ class Backend final : public link::LinkBackend {
   [[nodiscard]] PipelineStatus status() const;
 
   Missions& missions_;
+  OnboardView& view_;
 };
 
 }  // namespace overfly::daemon

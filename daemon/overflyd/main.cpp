@@ -18,6 +18,7 @@
 #include "daemon/overflyd/backend.h"
 #include "daemon/overflyd/log.h"
 #include "daemon/overflyd/missions.h"
+#include "daemon/overflyd/onboard_view.h"
 #include "daemon/overflyd/options.h"
 
 namespace {
@@ -45,7 +46,7 @@ tl::expected<config::Loaded, config::Problems> loadSettings(const Arguments& arg
 
 // SIGHUP: what may change while running changes, what may not is named, and wrong settings change nothing.
 void reload(const Arguments& arguments, config::Settings& settings, gl::GlThread& gl,
-            link::LinkServer& server, daemon::Missions& missions) {
+            link::LinkServer& server, daemon::OnboardView& view, daemon::Missions& missions) {
   sd_notify(0, "RELOADING=1");
   const auto loaded = loadSettings(arguments);
   if (!loaded) {
@@ -60,6 +61,7 @@ void reload(const Arguments& arguments, config::Settings& settings, gl::GlThread
     settings = next;
     daemon::setLogLevel(settings.log.level);
     gl.setPreviewShare(settings.preview.gpu_share);
+    view.reload(settings.preview);
     server.setMaxKbps(settings.link.max_kbps);
     missions.reload(settings);
     spdlog::info("settings read again: {}", taken.empty() ? "none has changed that may change while running"
@@ -128,9 +130,10 @@ int run(const Arguments& arguments) {
     if (link::LinkServer* server = shown) server->mapChanged();
   });
   missions.setStageHook(fault);
+  daemon::OnboardView view(settings.preview, **gl);
   link::LinkOptions link_options = link::optionsFrom(settings.link);
   link_options.coverage_views = settings.plan.min_views;
-  link::LinkServer server(link_options, std::make_shared<daemon::Backend>(missions));
+  link::LinkServer server(link_options, std::make_shared<daemon::Backend>(missions, view));
   if (settings.link.enabled) {
     if (auto ok = server.start(); !ok) return exitStatus(ok.error());
     // The token in the address is for the operator's eyes: it goes to the terminal, not to a log.
@@ -159,7 +162,7 @@ int run(const Arguments& arguments) {
     const timespec second{1, 0};
     const int signal = sigtimedwait(&signals, nullptr, &second);
     if (signal == SIGINT || signal == SIGTERM) break;
-    if (signal == SIGHUP) reload(arguments, settings, **gl, server, missions);
+    if (signal == SIGHUP) reload(arguments, settings, **gl, server, view, missions);
     report(missions);
     for (const auto& pipeline : missions.running())
       if (const daemon::PipelineStatus status = pipeline->status(); status.failed)

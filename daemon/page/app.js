@@ -1,4 +1,5 @@
 // The operator page: MapLibre GL over the link's own tiles. Everything it needs comes from this server.
+import { Camera } from './camera.js';
 import { Live } from './live.js';
 import { area, fillMissions, firstTheme, note, pressed, showContact, showCoverage, showHeight, showLegend, showStatus, theme } from './panels.js';
 
@@ -319,6 +320,21 @@ for (const button of document.querySelectorAll('[data-layer]')) {
     applyLayers();
   };
 }
+const EYE_SHARE = 0.3;  // of what the map shows across: how high above the ground the camera stands
+const camera = new Camera($('camera-panel'), $('camera-picture'), $('camera-says'), {
+  base: () => base,
+  async place() {
+    const { lat, lng } = map.getCenter().wrap();
+    const ground = await getJson(`${base}height?lat=${lat.toFixed(8)}&lon=${lng.toFixed(8)}`).catch(() => null);
+    const bounds = map.getBounds();
+    const across = new maplibregl.LngLat(bounds.getWest(), lat).distanceTo(new maplibregl.LngLat(bounds.getEast(), lat));
+    const high = doc('elevation')?.height_range?.[1] ?? 0;
+    return { lat, lon: lng, height: (ground?.height_m ?? high) + Math.max(5, EYE_SHARE * across), heading: (map.getBearing() + 360) % 360 };
+  },
+});
+$('camera').onclick = () => { const on = pressed($('camera'), !pressed($('camera'))); if (on) camera.open(); else camera.close(); };
+$('camera-here').onclick = () => camera.stand();
+$('camera-close').onclick = () => $('camera').click();
 $('mission').onchange = async () => showMission($('mission').value, await loadMissions());
 $('plan-file').onchange = async () => {
   const file = $('plan-file').files[0];

@@ -61,10 +61,15 @@ Result<ClipCache::Update> Previewer::update(const View& view, const ClipCache::B
   return update;
 }
 
+Result<ClipCache::Update> Previewer::refine(const View& view, const Look& look,
+                                            const ClipCache::Budget& budget) {
+  if (auto prepared = prepare(look); !prepared) return tl::unexpected(prepared.error());
+  return update(view, budget);
+}
+
 Result<Previewer::Frame> Previewer::draw(const View& view, const Look& look, const ClipCache::Budget& budget,
                                          bool hits) {
-  if (auto prepared = prepare(look); !prepared) return tl::unexpected(prepared.error());
-  const auto updated = update(view, budget);
+  const auto updated = refine(view, look, budget);
   if (!updated) return tl::unexpected(updated.error());
   if (!cache_->ready())
     return fail(ErrorCode::Unavailable, "the map's tiles are still being read; ask again");

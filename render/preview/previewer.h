@@ -33,6 +33,9 @@ class Previewer {
   // or its coarsest tiles are not in RAM yet; BadInput: a view that cannot be drawn.
   [[nodiscard]] Result<Frame> draw(const View& view, const Look& look, const ClipCache::Budget& budget,
                                    bool hits = false);
+  // The update of draw() without a picture: brings tiles to the GPU until it is settled.
+  [[nodiscard]] Result<ClipCache::Update> refine(const View& view, const Look& look,
+                                                 const ClipCache::Budget& budget);
   // The best picture there is: loads and uploads all that the view calls for first, on this thread.
   [[nodiscard]] Result<Frame> drawSettled(const View& view, const Look& look, bool hits = false);
   // Drops what is in GPU memory: after a lost context's objects are gone, and to change Look::no_data.

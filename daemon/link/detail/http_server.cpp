@@ -49,6 +49,7 @@ enum class Phase { Header, Idle, Body, Working, Sending, Paced, Streaming };
 
 struct Connection {
   int fd = -1;
+  std::string address;  // of the client, without its port
   std::atomic<Phase> phase{Phase::Header};
   std::atomic<std::int64_t> since_ns{0};
   void enter(Phase next) {
@@ -122,12 +123,18 @@ struct HttpServer::Impl {
     if (code == MHD_CONNECTION_NOTIFY_STARTED) {
       auto* c = new Connection;
       c->fd = MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD)->connect_fd;
+      c->address =
+          addressOf(MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CLIENT_ADDRESS)->client_addr);
       c->enter(Phase::Header);
       self.configureSocket(c->fd);
       *context = c;
       const std::lock_guard lock(self.connections_mutex);
       self.connections.insert(c);
-      if (self.connections.size() > self.options.max_connections) self.dropOldestWaiting();
+      const auto from_there = std::ranges::count(self.connections, c->address, &Connection::address);
+      if (from_there > static_cast<std::ptrdiff_t>(self.options.max_connections_per_address))
+        self.dropOldestWaiting(&c->address);
+      else if (self.connections.size() > self.options.max_connections)
+        self.dropOldestWaiting(nullptr);
     } else {
       auto* c = static_cast<Connection*>(*context);
       {
@@ -151,16 +158,27 @@ struct HttpServer::Impl {
     setsockopt(fd, IPPROTO_TCP, TCP_CONGESTION, kBbr.data(), kBbr.size());
   }
 
-  // With every place taken, whoever has waited longest without a request makes room: holding connections
-  // open must not lock others out. connections_mutex is held.
-  void dropOldestWaiting() {
+  static std::string addressOf(const sockaddr* address) {
+    char text[INET6_ADDRSTRLEN] = "";
+    if (address && address->sa_family == AF_INET)
+      inet_ntop(AF_INET, &reinterpret_cast<const sockaddr_in*>(address)->sin_addr, text, sizeof text);
+    else if (address && address->sa_family == AF_INET6)
+      inet_ntop(AF_INET6, &reinterpret_cast<const sockaddr_in6*>(address)->sin6_addr, text, sizeof text);
+    return text;
+  }
+
+  // With every place taken (of one address, or of all), whoever has waited longest without a request makes
+  // room, the newcomer itself when all others are being served: holding connections open must not lock
+  // others out. connections_mutex is held.
+  void dropOldestWaiting(const std::string* address) {
     Connection* oldest = nullptr;
     for (auto* c : connections) {
+      if (address && c->address != *address) continue;
       const auto phase = c->phase.load(std::memory_order_relaxed);
       if (phase != Phase::Header && phase != Phase::Idle) continue;
       if (!oldest || c->since_ns < oldest->since_ns) oldest = c;
     }
-    if (!oldest) return;
+    if (!oldest || oldest->since_ns == INT64_MAX) return;
     shutdown(oldest->fd, SHUT_RDWR);
     oldest->since_ns = INT64_MAX;  // not chosen twice
     ++dropped;
@@ -474,10 +492,9 @@ Result<void> HttpServer::start() {
   extra.push_back({MHD_OPTION_END, 0, nullptr});
   // Above our own limit, so that the one too many can be let in and the one that idles be put out.
   const unsigned hard_limit = options.max_connections + 64;
-  self.daemon = MHD_start_daemon(flags, options.port, nullptr, nullptr, &Impl::onRequest, &self,           //
-                                 MHD_OPTION_SOCK_ADDR, reinterpret_cast<sockaddr*>(&address),              //
-                                 MHD_OPTION_CONNECTION_LIMIT, hard_limit,                                  //
-                                 MHD_OPTION_PER_IP_CONNECTION_LIMIT, options.max_connections_per_address,  //
+  self.daemon = MHD_start_daemon(flags, options.port, nullptr, nullptr, &Impl::onRequest, &self,  //
+                                 MHD_OPTION_SOCK_ADDR, reinterpret_cast<sockaddr*>(&address),     //
+                                 MHD_OPTION_CONNECTION_LIMIT, hard_limit,                         //
                                  MHD_OPTION_CONNECTION_MEMORY_LIMIT,
                                  static_cast<std::size_t>(options.max_request_header_bytes),  //
                                  MHD_OPTION_NOTIFY_CONNECTION, &Impl::onConnection, &self,    //

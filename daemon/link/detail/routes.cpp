@@ -57,7 +57,7 @@ void RenderCache::add(const std::string& etag, std::shared_ptr<const std::string
 
 Routes::Routes(const LinkOptions& options, std::shared_ptr<LinkBackend> backend, EventHub& events, bool tls,
                bool has_token, std::function<HttpCounters()> counters,
-               std::function<std::string()> fallback_host)
+               std::function<std::string()> fallback_host, std::function<void()> wake_streams)
     : options_(options),
       backend_(std::move(backend)),
       events_(events),
@@ -66,7 +66,8 @@ Routes::Routes(const LinkOptions& options, std::shared_ptr<LinkBackend> backend,
       counters_(std::move(counters)),
       fallback_host_(std::move(fallback_host)),
       views_(options.overzoom),
-      cache_(kRenderCacheBytes) {}
+      cache_(kRenderCacheBytes),
+      previews_(*backend_, std::move(wake_streams)) {}
 
 std::string Routes::baseUrl(const Request& request) const {
   return std::string(tls_ ? "https://" : "http://") + safeHost(request.header("host"), fallback_host_()) +
@@ -145,7 +146,8 @@ Response Routes::answer(Request request) {
   if (path == "/status") return status();
   const bool of_map = path.starts_with("/tiles") || path == "/wmts" || path.starts_with("/wmts/") ||
                       path == "/height" || path == "/changes" || path == "/bundle" || path == "/events" ||
-                      path == "/track" || path == "/plan" || path == "/coverage.json";
+                      path == "/track" || path == "/plan" || path == "/coverage.json" ||
+                      path == "/preview.jpg" || path == "/preview/stream";
   if (!of_map) return page(request);
   if (!mission) return Response::text(503, "There is no map yet; it begins with the first frame.\n");
   auto view = views_.lease(mission->map);
@@ -172,6 +174,20 @@ Response Routes::onMap(const Visit& visit) {
   if (path == "/track") return track(visit);
   if (path == "/plan") return plan(visit);
   if (path == "/coverage.json") return coverage(visit);
+  if (path == "/preview.jpg" || path == "/preview/stream") {
+    const auto view = previewViewOf(visit.request.query, backend_->previewLimits());
+    if (!view) return failure(view.error());
+    if (path == "/preview/stream") return previews_.stream(visit.mission, *view);
+    auto jpeg = previews_.single(visit.mission, *view);
+    if (!jpeg) {
+      auto out = failure(jpeg.error());
+      if (out.status == 503) out.headers.emplace_back("Retry-After", "1");
+      return out;
+    }
+    auto out = Response::text(200, std::move(*jpeg), "image/jpeg");
+    out.headers.emplace_back("Cache-Control", "no-store");
+    return out;
+  }
   return Response::text(404, "There is no such tile: /tiles/LAYER/Z/X/Y.EXT, 0 <= z <= 30.\n");
 }
 

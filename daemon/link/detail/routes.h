@@ -14,6 +14,7 @@
 #include "daemon/link/detail/events.h"
 #include "daemon/link/detail/http_server.h"
 #include "daemon/link/detail/map_view.h"
+#include "daemon/link/detail/previews.h"
 #include "daemon/link/link_server.h"
 
 namespace overfly::link {
@@ -60,9 +61,12 @@ class RenderCache {
 class Routes {
  public:
   Routes(const LinkOptions& options, std::shared_ptr<LinkBackend> backend, EventHub& events, bool tls,
-         bool has_token, std::function<HttpCounters()> counters, std::function<std::string()> fallback_host);
+         bool has_token, std::function<HttpCounters()> counters, std::function<std::string()> fallback_host,
+         std::function<void()> wake_streams);
 
   [[nodiscard]] Response answer(Request request);
+  // No more previews; a stream of them ends. Waits for the picture that is being drawn.
+  void stopPreviews() { previews_.stop(); }
 
   // One look at the current map: publishes what changed since the last one. On the watching thread alone.
   void look();
@@ -127,6 +131,7 @@ class Routes {
   const std::function<std::string()> fallback_host_;
   ViewPool views_;
   RenderCache cache_;
+  Previews previews_;
 
   std::mutex shots_mutex_;
   std::map<std::string, std::shared_ptr<const Shots>> shots_;  // by mission

@@ -46,6 +46,45 @@ class Daemon : public ::testing::Test {
   }
 };
 
+// The view drawn on board: pictures differ with the direction, a stream brings one after the other, what
+// cannot be drawn is refused with a reason.
+void expectPreviews(const DaemonProcess& daemon) {
+  const auto get = [&](const std::string& query) {
+    Answer answer;
+    for (int i = 0; i < 100; ++i) {  // 503: another picture a moment ago
+      answer = fetch(daemon.url() + "/preview" + query, {}, "GET", {}, 60000, 30'000);
+      if (answer.status != 503) break;
+      std::this_thread::sleep_for(150ms);
+    }
+    return answer;
+  };
+  const auto layers = nlohmann::json::parse(fetch(daemon.url() + "/tiles.json").body)["layers"];
+  ASSERT_EQ(layers[1]["encoding"], "terrarium");
+  const double lon = layers[1]["center"][0], lat = layers[1]["center"][1];
+  const double top = layers[1]["height_range"][1];
+  const auto at = fmt::format("?lat={:.8f}&lon={:.8f}&height={:.1f}&w=96&h=64", lat, lon, top + 40);
+  const auto down = get(".jpg" + at + "&pitch=-90");
+  ASSERT_EQ(down.status, 200) << down.body;
+  EXPECT_EQ(down.headers.at("content-type"), "image/jpeg");
+  EXPECT_THAT(down.body, ::testing::StartsWith("\xFF\xD8"));
+  const auto sky = get(".jpg" + at + "&pitch=60");
+  ASSERT_EQ(sky.status, 200) << sky.body;
+  EXPECT_LT(sky.body.size(), down.body.size());  // nothing to see beside the ground's texture
+  const auto stream = get("/stream" + at + "&pitch=-60");
+  EXPECT_THAT(stream.headers.at("content-type"), HasSubstr("multipart/x-mixed-replace"));
+  std::size_t pictures = 0;
+  for (std::size_t found = 0;
+       (found = stream.body.find("Content-Type: image/jpeg", found)) != std::string::npos; ++found)
+    ++pictures;
+  EXPECT_GT(pictures, 1u);
+  for (const char* wrong : {"?lat=1&lon=2", "?lat=1&lon=2&height=x", "?lat=91&lon=2&height=3",
+                            "?lat=1&lon=2&height=3&w=100000", "?lat=1&lon=2&height=3&fov=0"}) {
+    const auto refused = fetch(daemon.url() + "/preview.jpg" + wrong);
+    EXPECT_EQ(refused.status, 400) << wrong;
+    EXPECT_THAT(refused.body, HasSubstr("/preview.jpg?lat="));
+  }
+}
+
 TEST_F(Daemon, MapsAFlightAndServesItsTiles) {
   DaemonProcess daemon;
   daemon.start({"--set", "map.datum=ellipsoid"});
@@ -76,6 +115,7 @@ TEST_F(Daemon, MapsAFlightAndServesItsTiles) {
       fetch(fmt::format("{}/tiles/elevation/{}/{}/{}.png", daemon.url(), keys[0].zoom, keys[0].x, keys[0].y));
   EXPECT_EQ(tile.status, 200);
   EXPECT_THAT(tile.body, ::testing::StartsWith("\x89PNG"));
+  expectPreviews(daemon);
   daemon.send(SIGTERM);
   EXPECT_EQ(daemon.wait(60s), 0);
 }

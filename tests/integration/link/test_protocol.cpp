@@ -228,6 +228,10 @@ TEST_F(Protocol, PageAndServiceDocumentsAnswer) {
   EXPECT_EQ(fetch(base_ + "/healthz").body, "ok\n");
   EXPECT_NE(fetch(base_ + "/metrics").body.find("overfly_link_requests_total "), std::string::npos);
   EXPECT_TRUE(nlohmann::json::parse(fetch(base_ + "/status").body)["map"]["tiles"].get<int>() >= 21);
+  // Nothing is drawn where no daemon runs, and that is what it says.
+  EXPECT_EQ(fetch(base_ + "/preview.jpg?lat=51&lon=8&height=100").status, 501);
+  EXPECT_EQ(fetch(base_ + "/preview/stream?lat=51&lon=8&height=100").status, 501);
+  EXPECT_EQ(fetch(base_ + "/preview.jpg?lat=51").status, 400);
   EXPECT_EQ(nlohmann::json::parse(fetch(base_ + "/missions").body)["missions"][0]["id"], "made");
 }
 

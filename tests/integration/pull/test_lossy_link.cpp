@@ -41,12 +41,12 @@ bool overviewIsThere(const std::filesystem::path& drone, const std::filesystem::
   return true;
 }
 
-// 5 % loss, 200 kbit/s, 300 ms there and back, and blackouts. Short: three of 9 s; OVERFLY_LINK_BLACKOUTS=N:
+// 5 % loss, 200 kbit/s, 300 ms there and back, and blackouts. Short: three of 9 s; OVERFLY_BLACKOUTS=N:
 // N of 30 s.
 TEST(LossyLink, PullEndsWithExactlyTheDronesTilesAtMostOfTheRate) {
   const auto drone = Namespace::make(kDrone), ground = Namespace::make(kGround);
   if (!drone || !ground) GTEST_SKIP() << "network namespaces or TUN devices are not permitted here";
-  const char* full = std::getenv("OVERFLY_LINK_BLACKOUTS");
+  const char* full = std::getenv("OVERFLY_BLACKOUTS");
   const int blackouts = full ? std::atoi(full) : 3;
   const auto dark = full ? 30s : 9s;
   const auto light = full ? 20s : 7s;

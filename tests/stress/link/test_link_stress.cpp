@@ -89,15 +89,16 @@ class LinkStress : public testing::Test {
   void serveMadeMap() {
     map_ = std::make_unique<MadeMap>(folder_ / "made.overfly", geo::TileKey{18, 137001, 87001}, 4);
     map_->makeAll();
-    program_ = std::make_unique<Program>(
-        std::vector<std::string>{OVERFLY_PROGRAM, "serve", map_->path(), "--listen", "127.0.0.1:0"});
+    program_ = std::make_unique<Program>(std::vector<std::string>{OVERFLY_PROGRAM, "serve", map_->path(),
+                                                                  "--listen", "127.0.0.1:0", "--set",
+                                                                  "link.max_connections=1024"});
     started();
     tile_ = fmt::format("tiles/color/18/{}/{}.webp", map_->corner().x + 1, map_->corner().y + 1);
   }
   void mapFlight(const std::string& flight) {
-    program_ = std::make_unique<Program>(
-        std::vector<std::string>{OVERFLYD_PROGRAM, "--set", "source.path=" + flight, "--set",
-                                 "map.folder=" + folder_.string(), "--set", "link.port=0"});
+    program_ = std::make_unique<Program>(std::vector<std::string>{
+        OVERFLYD_PROGRAM, "--set", "source.path=" + flight, "--set", "map.folder=" + folder_.string(),
+        "--set", "link.port=0", "--set", "link.max_connections=1024"});
     started();
     for (int i = 0; i < 600; ++i) {
       const auto text = fetch(url_ + "changes?since=0&layers=color&max_bytes=1").body;

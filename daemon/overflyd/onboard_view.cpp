@@ -1,0 +1,129 @@
+#include "daemon/overflyd/onboard_view.h"
+
+#include <chrono>
+#include <thread>
+
+#include "render/preview/previewer.h"
+#include "tiling/preview/store_tile_source.h"
+
+namespace overfly::daemon {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr auto kPatience = 3s;
+constexpr auto kUploadTime = 10ms;     // on the GPU thread at a time
+constexpr auto kPollInterval = 250ms;  // for tiles that have changed
+
+}  // namespace
+
+struct OnboardView::Scene {
+  std::filesystem::path map;
+  std::unique_ptr<tiling::StoreTileSource> source;
+  std::unique_ptr<preview::RamCache> ram;
+  std::unique_ptr<preview::Previewer> previewer;
+  std::uint64_t generation = 0;  // of the context that the previewer was made with
+};
+
+OnboardView::OnboardView(const config::Preview& settings, gl::GlThread& gl) : gl_(gl), settings_(settings) {}
+
+OnboardView::~OnboardView() {
+  const std::lock_guard lock(mutex_);
+  close();
+}
+
+link::PreviewLimits OnboardView::limits() const {
+  const std::lock_guard lock(settings_mutex_);
+  return {settings_.max_width_px, settings_.max_height_px, settings_.max_rate_fps, settings_.jpeg_quality};
+}
+
+void OnboardView::reload(const config::Preview& settings) {
+  const std::lock_guard lock(settings_mutex_);
+  settings_ = settings;
+}
+
+void OnboardView::close() {
+  if (!scene_) return;
+  (void)gl_
+      .submit(gl::Priority::Preview, "preview.close",
+              [this](gl::Context&) -> Result<void> {
+                scene_->previewer.reset();
+                return {};
+              })
+      .get();
+  scene_.reset();
+}
+
+Result<void> OnboardView::open(const std::filesystem::path& map) {
+  if (scene_ && scene_->map == map) return {};
+  close();
+  auto reader = tiling::MapReader::open(map);
+  if (!reader) return fail(ErrorCode::Unavailable, "the map has no tiles yet");
+  auto source = tiling::StoreTileSource::create(std::move(*reader));
+  if (!source) return tl::unexpected(source.error());
+  auto scene = std::make_unique<Scene>();
+  scene->map = map;
+  scene->source = std::move(*source);
+  std::size_t budget_bytes = 0;
+  {
+    const std::lock_guard lock(settings_mutex_);
+    budget_bytes = static_cast<std::size_t>(settings_.cache_mb) << 20;
+  }
+  scene->ram = std::make_unique<preview::RamCache>(*scene->source,
+                                                   preview::RamCache::Options{.budget_bytes = budget_bytes});
+  scene->ram->startLoading(kPollInterval);
+  scene_ = std::move(scene);
+  return {};
+}
+
+Result<link::PreviewPicture> OnboardView::draw(const std::filesystem::path& map,
+                                               const link::PreviewView& asked) {
+  std::size_t gpu_bytes = 0;
+  {
+    const std::lock_guard lock(settings_mutex_);
+    if (!settings_.enabled) return fail(ErrorCode::Unsupported, "previews are turned off (preview.enabled)");
+    gpu_bytes = static_cast<std::size_t>(settings_.cache_mb) << 20;
+  }
+  const std::lock_guard lock(mutex_);
+  if (auto opened = open(map); !opened) return tl::unexpected(opened.error());
+  preview::View view;
+  view.position = asked.position;
+  view.heading = asked.heading;
+  view.pitch = asked.pitch;
+  view.fov = asked.fov;
+  view.width = asked.width;
+  view.height = asked.height;
+  const preview::Look look;
+  const preview::ClipCache::Budget budget{.time = kUploadTime};
+  // On the GL thread: a previewer of this context.
+  const auto ready = [&](gl::Context& context) {
+    if (scene_->previewer && scene_->generation == gl_.generation()) return;
+    scene_->previewer.reset();
+    scene_->previewer = std::make_unique<preview::Previewer>(
+        context, *scene_->ram, preview::Previewer::Options{.gpu_bytes = gpu_bytes});
+    scene_->generation = gl_.generation();
+  };
+  // What the view calls for, a few tiles a slice; the RAM cache's own thread reads them meanwhile.
+  const auto until = std::chrono::steady_clock::now() + kPatience;
+  for (int rounds = 0; std::chrono::steady_clock::now() < until; ++rounds) {
+    const auto refined = gl_.submit(gl::Priority::Preview, "preview.refine",
+                                    [&](gl::Context& context) -> Result<preview::ClipCache::Update> {
+                                      ready(context);
+                                      return scene_->previewer->refine(view, look, budget);
+                                    })
+                             .get();
+    if (!refined) return tl::unexpected(refined.error());
+    if (rounds > 0 && scene_->previewer->cache()->ready() && refined->settled()) break;
+    if (refined->left == 0) std::this_thread::sleep_for(10ms);
+  }
+  auto frame = gl_.submit(gl::Priority::Preview, "preview.draw",
+                          [&](gl::Context& context) -> Result<preview::Previewer::Frame> {
+                            ready(context);
+                            return scene_->previewer->draw(view, look, budget);
+                          })
+                   .get();
+  if (!frame) return tl::unexpected(frame.error());
+  return link::PreviewPicture{frame->picture.width, frame->picture.height, std::move(frame->picture.rgba)};
+}
+
+}  // namespace overfly::daemon
