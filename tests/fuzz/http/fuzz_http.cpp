@@ -20,7 +20,7 @@ class Link {
         map_(folder_ / "made.overfly", geo::TileKey{18, 137001, 87001}, 2),
         routes_(
             options_, link::showMaps({{"made", "Made-up map", map_.path(), 0, false, true}}), events_, false,
-            false, [] { return link::HttpCounters{}; }, [] { return std::string("127.0.0.1"); }) {
+            false, [] { return link::HttpCounters{}; }, [] { return std::string("127.0.0.1"); }, [] {}) {
     map_.makeAll();
     map_.addFrames(8);
   }
