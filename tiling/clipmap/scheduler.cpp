@@ -10,6 +10,7 @@ namespace {
 
 constexpr std::size_t kMaxRequests = 1024;
 constexpr int kInterestClasses = 4;
+constexpr std::int64_t kImpatience_ns = 10'000'000'000;  // of waiting count as a class of interest
 
 std::int64_t nanoseconds(double seconds) { return static_cast<std::int64_t>(seconds * 1e9); }
 double halved(std::int64_t age_ns, double half_life_s) {
@@ -154,7 +155,15 @@ void Scheduler::chooseSweeps(std::size_t most, bool spare, std::int64_t now_ns) 
   for (const auto& [key, waiting] : waiting_) {
     if (dueTime(key, waiting, spare) > now_ns) continue;
     const double gain = gainOf(key, waiting) * halved(now_ns - waiting.last_ns, options_.recency_half_life_s);
-    ranked.emplace_back(-interest(key, now_ns), -gain, waiting.order, key);
+    // What is worth a sweep is not overtaken for ever by newer ground.
+    const std::int64_t waited_ns =
+        waiting.worth_ns >= 0 && !waiting.improvement ? now_ns - waiting.worth_ns : 0;
+    const int patience =
+        static_cast<int>(std::clamp<std::int64_t>(waited_ns / kImpatience_ns, 0, kInterestClasses));
+    // After the last frame in the order of place: what a cell's finishing needs of its neighbours is still in
+    // memory then.
+    ranked.emplace_back(-interest(key, now_ns) - (landed_ ? 0 : patience), landed_ ? 0 : -gain,
+                        landed_ ? 0 : waiting.order, key);
   }
   const std::size_t count = std::min(most, ranked.size());
   std::partial_sort(ranked.begin(), ranked.begin() + static_cast<std::ptrdiff_t>(count), ranked.end());
@@ -166,7 +175,7 @@ void Scheduler::chooseFinishes(std::size_t most, std::int64_t now_ns) {
   std::vector<Ranked> ranked;
   for (const auto& [key, stale] : stale_)
     if (!waiting_.contains(key) && dueTime(stale) <= now_ns)
-      ranked.emplace_back(-interest(key, now_ns), stale.since_ns, key);
+      ranked.emplace_back(-interest(key, now_ns), landed_ ? 0 : stale.since_ns, key);
   const std::size_t count = std::min(most, ranked.size());
   std::partial_sort(ranked.begin(), ranked.begin() + static_cast<std::ptrdiff_t>(count), ranked.end());
   for (std::size_t i = count; i-- > 0;) finishes_.push_back(std::get<2>(ranked[i]));

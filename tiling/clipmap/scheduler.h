@@ -43,12 +43,14 @@ struct TileJob {
 // seen by a dozen frames and would be swept as often; here it is swept first when its views tell enough, then
 // again when they tell much more, and at last when no new frame has come for a while: about twice in all.
 //
-// Due cells are handed out in batches in the order of interest (what is looked at), then expected gain of the
-// recent frames, then age: first their sweeps, then their finishing (so that a cell is blended with the new
-// heights of those swept beside it), then their parents, level by level, each once per batch, and the top
-// tile last. A cell whose neighbour has new heights or whose colours are to be made again is finished anew
-// when nothing else is due and it has been so for settle_s: mostly it is swept before that. The thesis makes
-// parents only when no level-0 tile is left; frames never stop in flight, so batches are bounded here.
+// Due cells are handed out in batches in the order of interest (what is looked at; every ten seconds that a
+// cell has been worth a sweep count like a class of it), then expected gain of the
+// recent frames, then age; after the last frame in the order of place. First their sweeps, then their
+// finishing (so that a cell is blended with the new heights of those swept beside it), then their parents,
+// level by level, each once per batch, and the top tile last. A cell whose neighbour has new heights or whose
+// colours are to be made again is finished anew when nothing else is due and it has been so for settle_s:
+// mostly it is swept before that. The thesis makes parents only when no level-0 tile is left; frames never
+// stop in flight, so batches are bounded here.
 //
 // Pure logic: no clock (every call gets the time, nanoseconds of any steady clock), no disk, no GPU.
 // Deterministic. Memory grows with the map by some 100 bytes per cell.

@@ -390,8 +390,8 @@ TEST(Scheduler, RecentFramesComeBeforeOldOnesOfTheSameGain) {
   Scheduler scheduler(kZoom, options);
   scheduler.cover({0, 0, std::ldexp(9.5, -kZoom), std::ldexp(9.5, -kZoom)});
   scheduler.mark({kZoom, 1, 1}, 1, 0);
-  scheduler.mark({kZoom, 2, 2}, 1, 30 * kSecond);
-  EXPECT_EQ(scheduler.next(30 * kSecond)->key, (TileKey{kZoom, 2, 2}));
+  scheduler.mark({kZoom, 2, 2}, 1, 8 * kSecond);
+  EXPECT_EQ(scheduler.next(8 * kSecond)->key, (TileKey{kZoom, 2, 2}));
 }
 
 TEST(Scheduler, AFailingTileIsTriedAgainAndThenDropped) {
@@ -471,6 +471,34 @@ TEST(Scheduler, AnImprovementIsDueButNobodyWaitsForIt) {
   EXPECT_EQ(scheduler.worthTiles(), 1u);
   EXPECT_EQ(scheduler.worthSoFar(), 2u);
   EXPECT_EQ(scheduler.overdue(5 * kSecond), 2 * kSecond);
+}
+
+// A flight that outruns the machine: new cells are worth more than the old one at any moment, and still its
+// turn comes.
+TEST(Scheduler, NewGroundDoesNotKeepAnOldCellWaitingForEver) {
+  SchedulerOptions options = atOnce();
+  options.batch_tiles = 1;
+  Scheduler scheduler(kZoom, options);
+  const TileKey old{kZoom, 1000, 1000};
+  scheduler.cover(boxOf(old));
+  scheduler.mark(old, 0.1, 0);  // tells little: least gain
+  std::int64_t swept_s = -1;
+  for (int second = 0; second < 120 && swept_s < 0; ++second) {
+    for (int i = 0; i < 3; ++i) {  // three come, one is swept
+      const TileKey fresh{kZoom, 2 * second, 3 * i};
+      scheduler.cover(boxOf(fresh));
+      scheduler.mark(fresh, 3, second * kSecond);
+    }
+    for (bool swept = false; !swept;) {
+      const auto job = scheduler.next(second * kSecond);
+      ASSERT_TRUE(job);
+      swept = job->kind == Kind::Sweep;
+      if (swept && job->key == old) swept_s = second;
+      scheduler.done(*job, true, second * kSecond);
+    }
+  }
+  EXPECT_GE(swept_s, 5);   // what gains more goes first ...
+  EXPECT_LT(swept_s, 60);  // ... for a while
 }
 
 }  // namespace
