@@ -252,7 +252,8 @@ void Scheduler::done(const TileJob& job, bool changed, std::int64_t now_ns) {
   if (job.kind == TileJob::Kind::Sweep) {
     made_[job.key] = running_.at(job.key).second.knowledge;
     running_.erase(job.key);
-    finishes_.insert(finishes_.begin(), job.key);
+    // After the last frame a batch is the whole map: what was swept last is the surest to be in memory still.
+    finishes_.insert(landed_ ? finishes_.end() : finishes_.begin(), job.key);
     for (int dy = -1; dy <= 1; ++dy)
       for (int dx = -1; dx <= 1; ++dx) {
         const geo::TileKey key{job.key.zoom, job.key.x + dx, job.key.y + dy};
