@@ -138,7 +138,7 @@ struct Link {
   std::string listen = "127.0.0.1";
   int port = 8420;
   int max_kbps = 0;  // 0: no cap
-  int max_connections = 32;
+  int max_connections = 1024;
   int max_request_kb = 64;
   double header_timeout_s = 10;
   double send_timeout_s = 60;

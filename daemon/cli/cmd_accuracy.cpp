@@ -90,43 +90,31 @@ Result<int> run(const Arguments& arguments, const Context& context) {
 
   const auto options = batchOptions(arguments, context);
   if (!options) return tl::unexpected(options.error());
-  std::map<geo::TileKey, tiling::Tile> tiles;
-  tiling::BatchEvents events;
-  std::unique_ptr<Progress> progress;
-  std::string stage;
-  events.progress = [&](const std::string& name, std::uint64_t done, std::uint64_t total) {
-    if (name != stage) progress = std::make_unique<Progress>("mapping " + name, total);
-    stage = name;
-    progress->update(done);
-  };
-  events.tile = [&](tiling::Tile&& tile) -> Result<void> {
-    const geo::TileKey key = tile.key;
-    tiles.insert_or_assign(key, std::move(tile));
-    return {};
-  };
-  auto result = tiling::mapFlight(*gl_context, *flight, *options, events);
-  progress.reset();
-  if (!result) return tl::unexpected(result.error());
-  const tiling::MapGround& ground = result->ground;
+  StageProgress progress("mapping ");
+  auto mapped = tiling::mapFlightToTiles(*gl_context, *flight, *options, std::ref(progress));
+  progress.finish();
+  if (!mapped) return tl::unexpected(mapped.error());
+  const auto& [result, tiles] = *mapped;
+  const tiling::MapGround& ground = result.ground;
   const tiling::Comparison comparison = tiling::compare(
       tiles, ground.lattice, ground.base_zoom, ground.anchor_px, *points, ground.gsd_m, arguments.track);
-  const tiling::MapperStatistics& s = result->statistics;
-  const double per_tile = result->wall_s / static_cast<double>(std::max<std::size_t>(tiles.size(), 1));
+  const tiling::MapperStatistics& s = result.statistics;
+  const double per_tile = result.wall_s / static_cast<double>(std::max<std::size_t>(tiles.size(), 1));
   const double per_frame =
-      result->wall_s / static_cast<double>(std::max<std::uint64_t>(result->frames_used, 1));
+      result.wall_s / static_cast<double>(std::max<std::uint64_t>(result.frames_used, 1));
   if (context.json) {
     fmt::print("{}\n", nlohmann::json{{"flight", arguments.flight},
                                       {"gsd_m", ground.gsd_m},
                                       {"ground_height_m", ground.height_m},
                                       {"base_zoom", ground.base_zoom},
                                       {"texel_m", ground.texel_m},
-                                      {"cell_zoom", result->cell_zoom},
-                                      {"frames", result->frames_used},
+                                      {"cell_zoom", result.cell_zoom},
+                                      {"frames", result.frames_used},
                                       {"tiles", tiles.size()},
                                       {"strong_track", comparison.strong_track},
                                       {"strong", asJson(comparison.strong)},
                                       {"all", asJson(comparison.all)},
-                                      {"wall_s", result->wall_s},
+                                      {"wall_s", result.wall_s},
                                       {"s_per_tile", per_tile},
                                       {"s_per_frame", per_frame},
                                       {"samples", s.samples},
@@ -142,18 +130,18 @@ Result<int> run(const Arguments& arguments, const Context& context) {
   fmt::print(
       "{}: GSD {:.2f} cm, ground at {:.1f} m, tiles at zoom {} ({:.2f} cm a texel), swept at zoom {}\n\n",
       arguments.flight, 100 * ground.gsd_m, ground.height_m, ground.base_zoom, 100 * ground.texel_m,
-      result->cell_zoom);
+      result.cell_zoom);
   printHeader();
   printRow(fmt::format("strong (track >= {})", comparison.strong_track), comparison.strong);
   printRow("all", comparison.all);
   fmt::print("\n{} tiles from {} frames in {:.1f} s: {:.3f} s per tile, {:.3f} s per frame\n", tiles.size(),
-             result->frames_used, result->wall_s, per_tile, per_frame);
+             result.frames_used, result.wall_s, per_tile, per_frame);
   fmt::print(
       "rectify {:.1f} s, match images {:.1f} s, sweep {:.1f} s ({:.0f} M samples, {} cells), blend {:.1f} s, "
       "orthophoto {:.1f} s\n",
       s.rectify_s, s.match_s, s.sweep_s, static_cast<double>(s.samples) / 1e6, s.cells_swept, s.blend_s,
       s.ortho_s);
-  for (const std::string& refused : result->refused) fmt::print("not used: {}\n", refused);
+  for (const std::string& refused : result.refused) fmt::print("not used: {}\n", refused);
   return kOk;
 }
 

@@ -91,16 +91,10 @@ Result<Row> measure(scene::SceneDescription description, const EffectSet& set,
   auto world = scene::buildWorld(description);
   if (!world) return tl::unexpected(world.error());
   const ScratchFolder scratch;
-  std::unique_ptr<Progress> progress;
-  std::string stage;
-  const auto show = [&](const std::string& name, std::uint64_t done, std::uint64_t total) {
-    if (name != stage) progress = std::make_unique<Progress>(name, total);
-    stage = name;
-    progress->update(done);
-  };
+  StageProgress show(fmt::format("{} ({}): ", description.name, set.name));
   scene::RecordOptions recording;
   recording.progress = [&](std::size_t done, std::size_t total, const std::string&) {
-    show(fmt::format("{} ({}): rendering frames", description.name, set.name), done, total);
+    show("rendering frames", done, total);
   };
   auto recorded = scene::recordScene(*world, scratch.path(), recording);
   if (!recorded) return tl::unexpected(recorded.error());
@@ -108,20 +102,14 @@ Result<Row> measure(scene::SceneDescription description, const EffectSet& set,
   if (!flight) return tl::unexpected(flight.error());
   auto context = gl::Context::create();
   if (!context) return tl::unexpected(context.error());
-  std::map<geo::TileKey, tiling::Tile> tiles;
-  tiling::BatchEvents events;
-  events.progress = [&](const std::string& name, std::uint64_t done, std::uint64_t total) {
-    show(fmt::format("{} ({}): mapping {}", description.name, set.name, name), done, total);
-  };
-  events.tile = [&](tiling::Tile&& tile) -> Result<void> {
-    const geo::TileKey key = tile.key;
-    tiles.insert_or_assign(key, std::move(tile));
-    return {};
-  };
-  auto mapped = tiling::mapFlight(*context, *flight, mapping, events);
-  if (!mapped) return tl::unexpected(mapped.error());
+  auto made = tiling::mapFlightToTiles(*context, *flight, mapping,
+                                       [&](const std::string& name, std::uint64_t done, std::uint64_t total) {
+                                         show("mapping " + name, done, total);
+                                       });
+  if (!made) return tl::unexpected(made.error());
+  const auto& [mapped, tiles] = *made;
   const scene::Truth truth(*world);
-  const tiling::MapGround& ground = mapped->ground;
+  const tiling::MapGround& ground = mapped.ground;
   Row row;
   row.effects = set.name;
   row.comparison =
@@ -129,9 +117,9 @@ Result<Row> measure(scene::SceneDescription description, const EffectSet& set,
                                recorded->plan, recorded->camera);
   row.ground = ground;
   row.tiles = tiles.size();
-  row.frames = mapped->frames_used;
+  row.frames = mapped.frames_used;
   row.render_s = recorded->wall_s;
-  row.map_s = mapped->wall_s;
+  row.map_s = mapped.wall_s;
   return row;
 }
 

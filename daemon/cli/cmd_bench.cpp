@@ -64,27 +64,6 @@ class Steps {
   std::unique_ptr<Progress> progress_;
 };
 
-// A flight's map at the default settings: what the codecs and the preview are tried on.
-struct MadeMap {
-  std::map<geo::TileKey, tiling::Tile> tiles;
-  tiling::MapGround ground;
-};
-Result<MadeMap> mapOf(gl::Context& context, const capture::Flight& flight) {
-  MadeMap made;
-  tiling::BatchEvents events;
-  events.tile = [&](tiling::Tile&& tile) -> Result<void> {
-    const geo::TileKey key = tile.key;
-    made.tiles.insert_or_assign(key, std::move(tile));
-    return {};
-  };
-  tiling::BatchOptions options;
-  options.mapper = tiling::mapperOptions({});
-  auto mapped = tiling::mapFlight(context, flight, options, events);
-  if (!mapped) return tl::unexpected(mapped.error());
-  made.ground = mapped->ground;
-  return made;
-}
-
 void append(std::vector<tradeoff::Trial>& to, std::vector<tradeoff::Trial> from) {
   to.insert(to.end(), std::make_move_iterator(from.begin()), std::make_move_iterator(from.end()));
 }
@@ -140,13 +119,17 @@ Result<int> tradeoffReport(const Arguments& a, const Context& context) {
       append((*section)->trials, std::move(*adjusted));
     else if (adjusted.error().code != ErrorCode::NotFound)
       return tl::unexpected(adjusted.error());
-    auto map = mapOf(*gl_context, flight);
+    // At the default settings: what the codecs and the preview are tried on.
+    tiling::BatchOptions mapping;
+    mapping.mapper = tiling::mapperOptions({});
+    auto map = tiling::mapFlightToTiles(*gl_context, flight, mapping);
     if (!map) return tl::unexpected(map.error());
     auto coded = tradeoff::tryCodecs(map->tiles, repeats);
     if (!coded) return tl::unexpected(coded.error());
     append((*section)->trials, std::move(*coded));
-    auto drawn = tradeoff::tryPreview(*gl_context, map->tiles, map->ground,
-                                      tiling::mapperOptions({}).tile_size, a.quick ? 640 : 1280, repeats);
+    auto drawn = tradeoff::tryPreview(*gl_context, map->tiles, map->result.ground, mapping.mapper.tile_size,
+                                      scratch.path() / (fs::path(folder).filename().string() + ".overfly"),
+                                      a.quick ? 640 : 1280, repeats);
     if (!drawn) return tl::unexpected(drawn.error());
     append((*section)->trials, std::move(*drawn));
   }

@@ -12,6 +12,7 @@
 #include "tiling/adjust/flight_adjust.h"
 #include "tiling/adjust/telemetry_prior.h"
 #include "tiling/mapping/batch_map.h"
+#include "tiling/mapping/mapper_settings.h"
 
 namespace overfly::cli {
 namespace {
@@ -57,8 +58,8 @@ capture::Flight withNominalLens(const capture::Flight& recorded, double focal_px
 }
 
 // Camera centres of the frames that two versions of a flight both place, by name.
-tiling::Similarity betweenCentres(const capture::Flight& reference, const capture::Flight& other,
-                                  const geo::LocalFrame& local) {
+geo::Similarity betweenCentres(const capture::Flight& reference, const capture::Flight& other,
+                               const geo::LocalFrame& local) {
   std::map<std::string, Eigen::Vector3d> placed;
   for (const auto& entry : other.frames())
     if (entry.frame.pose) placed[entry.frame.name] = local.enuFromEcef(entry.frame.pose->position_in_ecef);
@@ -69,38 +70,27 @@ tiling::Similarity betweenCentres(const capture::Flight& reference, const captur
     from.push_back(local.enuFromEcef(entry.frame.pose->position_in_ecef));
     to.push_back(there->second);
   }
-  return from.size() < 3 ? tiling::Similarity{} : tiling::similarityBetween(from, to);
+  return from.size() < 3 ? geo::Similarity{} : geo::similarityBetween(from, to);
 }
 
-void mapAndCompare(gl::Context& context, const capture::Flight& flight, const capture::Flight& reference,
-                   std::span<const tiling::ReferencePoint> points, double& gsd_m, Row& row) {
-  std::map<geo::TileKey, tiling::Tile> tiles;
-  tiling::BatchEvents events;
-  std::unique_ptr<Progress> progress;
-  std::string stage;
-  events.progress = [&](const std::string& name, std::uint64_t done, std::uint64_t total) {
-    if (name != stage) progress = std::make_unique<Progress>(row.poses + ": mapping " + name, total);
-    stage = name;
-    progress->update(done);
-  };
-  events.tile = [&](tiling::Tile&& tile) -> Result<void> {
-    const geo::TileKey key = tile.key;
-    tiles.insert_or_assign(key, std::move(tile));
-    return {};
-  };
-  const auto mapped = tiling::mapFlight(context, flight, {}, events);
-  progress.reset();
-  if (!mapped) {
-    row.problem = mapped.error().message;
+void mapAndCompare(gl::Context& context, const tiling::BatchOptions& options, const capture::Flight& flight,
+                   const capture::Flight& reference, std::span<const tiling::ReferencePoint> points,
+                   double& gsd_m, Row& row) {
+  StageProgress progress(row.poses + ": mapping ");
+  const auto made = tiling::mapFlightToTiles(context, flight, options, std::ref(progress));
+  progress.finish();
+  if (!made) {
+    row.problem = made.error().message;
     return;
   }
-  if (gsd_m == 0) gsd_m = mapped->ground.gsd_m;
-  row.frames = mapped->frames_used;
-  row.map_s = mapped->wall_s;
+  const auto& [mapped, tiles] = *made;
+  if (gsd_m == 0) gsd_m = mapped.ground.gsd_m;
+  row.frames = mapped.frames_used;
+  row.map_s = mapped.wall_s;
   const geo::LocalFrame local(*reference.info().origin);
-  row.result = tiling::compareAligned(tiles, mapped->ground.lattice, mapped->ground.base_zoom,
-                                      mapped->ground.anchor_px, points, local, gsd_m,
-                                      betweenCentres(reference, flight, local));
+  row.result =
+      tiling::compareAligned(tiles, mapped.ground.lattice, mapped.ground.base_zoom, mapped.ground.anchor_px,
+                             points, local, gsd_m, betweenCentres(reference, flight, local));
 }
 
 nlohmann::json asJson(const Row& row, double gsd_m) {
@@ -174,10 +164,15 @@ Result<int> compare(const Arguments& arguments, const Context& context) {
   auto gl_context = gl::Context::create();
   if (!gl_context) return tl::unexpected(gl_context.error());
 
+  const auto loaded = loadSettings(context);
+  if (!loaded) return tl::unexpected(loaded.error());
+  tiling::BatchOptions mapping;
+  mapping.mapper = tiling::mapperOptions(loaded->settings);
+  mapping.ground = tiling::groundOptions(loaded->settings);
   double gsd_m = 0;  // the reference's, for all rows
   std::vector<Row> rows(3);
   rows[0].poses = "reference";
-  mapAndCompare(*gl_context, *reference, *reference, *points, gsd_m, rows[0]);
+  mapAndCompare(*gl_context, mapping, *reference, *reference, *points, gsd_m, rows[0]);
   if (!rows[0].problem.empty())
     return fail(ErrorCode::BadInput, "with the reference poses: " + rows[0].problem);
 
@@ -191,12 +186,12 @@ Result<int> compare(const Arguments& arguments, const Context& context) {
     rows[1].adjust_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     progress.finish();
     if (adjusted)
-      mapAndCompare(*gl_context, adjusted->flight, *reference, *points, gsd_m, rows[1]);
+      mapAndCompare(*gl_context, mapping, adjusted->flight, *reference, *points, gsd_m, rows[1]);
     else
       rows[1].problem = adjusted.error().message;
   }
   rows[2].poses = "recorded";
-  mapAndCompare(*gl_context, withTelemetry(*recorded), *reference, *points, gsd_m, rows[2]);
+  mapAndCompare(*gl_context, mapping, withTelemetry(*recorded), *reference, *points, gsd_m, rows[2]);
 
   if (context.json) {
     nlohmann::json out{{"flight", arguments.flight}};

@@ -9,16 +9,14 @@
 #include "daemon/cli/command.h"
 #include "daemon/cli/planar_command.h"
 #include "daemon/cli/progress.h"
-#include "tiling/clipmap/parent.h"
 #include "tiling/mapping/batch_map.h"
 #include "tiling/mapping/mapper_settings.h"
+#include "tiling/pyramid/map_writer.h"
+#include "tiling/pyramid/pyramid.h"
 #include "tiling/store/make_frame_record.h"
-#include "tiling/store/tile_codec.h"
 
 namespace overfly::cli {
 namespace {
-
-constexpr std::size_t kTilesPerCommit = 32;
 
 struct Arguments {
   std::string flight, map, lattice = "webmercator";
@@ -26,72 +24,6 @@ struct Arguments {
   bool ground_given = false, planar = false;
   int tile_size = 0, cache_mb = 256;  // tile_size 0: the setting's
 };
-
-// Collects tiles into transactions.
-class Writer {
- public:
-  explicit Writer(tiling::MapStore& store) : store_(store), options_(tiling::encodeOptions(store.meta())) {}
-
-  Result<void> add(const tiling::Tile& tile) {
-    auto encoded = tiling::encodeTile(tile, options_);
-    if (!encoded) return tl::unexpected(encoded.error());
-    batch_.tiles.push_back(std::move(*encoded));
-    return batch_.tiles.size() >= kTilesPerCommit ? flush() : Result<void>{};
-  }
-  void add(tiling::FrameRecord frame) { batch_.frames.push_back(std::move(frame)); }
-  Result<void> flush() {
-    if (batch_.tiles.empty() && batch_.frames.empty()) return {};
-    auto revision = store_.commit(batch_);
-    if (!revision) return tl::unexpected(revision.error());
-    batch_ = {};
-    return {};
-  }
-
- private:
-  tiling::MapStore& store_;
-  tiling::EncodeOptions options_;
-  tiling::Batch batch_;
-};
-
-// All coarser levels from the stored level 0, up to the one where 2x2 tiles cover the map (L-2).
-Result<std::size_t> makePyramid(tiling::MapStore& store) {
-  auto reader = store.reader();
-  if (!reader) return tl::unexpected(reader.error());
-  Writer writer(store);
-  std::size_t made = 0;
-  auto listed = reader->keys(store.meta().base_zoom, tiling::Layer::Color, {}, SIZE_MAX);
-  if (!listed) return tl::unexpected(listed.error());
-  std::vector<geo::TileKey> keys = *listed;
-  const auto spread = [&] {
-    const auto [west, east] =
-        std::minmax_element(keys.begin(), keys.end(), [](const auto& a, const auto& b) { return a.x < b.x; });
-    const auto [north, south] =
-        std::minmax_element(keys.begin(), keys.end(), [](const auto& a, const auto& b) { return a.y < b.y; });
-    return std::max(east->x - west->x, south->y - north->y);
-  };
-  while (!keys.empty() && keys.front().zoom > 0 && spread() > 1) {
-    std::set<geo::TileKey> parents;
-    for (const geo::TileKey& key : keys) parents.insert(geo::parentOf(key));
-    for (const geo::TileKey& parent : parents) {
-      std::array<std::optional<tiling::Tile>, 4> held;
-      std::array<const tiling::Tile*, 4> children{};
-      for (int i = 0; i < 4; ++i) {
-        const auto n = static_cast<std::size_t>(i);
-        auto child = tiling::readTile(*reader, geo::childOf(parent, i));
-        if (!child && child.error().code != ErrorCode::NotFound) return tl::unexpected(child.error());
-        if (child) {
-          held[n] = std::move(*child);
-          children[n] = &*held[n];
-        }
-      }
-      if (auto ok = writer.add(tiling::makeParent(parent, children)); !ok) return tl::unexpected(ok.error());
-      ++made;
-    }
-    if (auto ok = writer.flush(); !ok) return tl::unexpected(ok.error());
-    keys.assign(parents.begin(), parents.end());
-  }
-  return made;
-}
 
 tiling::FrameRecord recordOf(std::uint64_t id, const capture::FlightFrame& source,
                              const tiling::IndexedFrame& indexed) {
@@ -136,16 +68,11 @@ Result<int> run(const Arguments& arguments, const Context& context) {
   if (arguments.gsd_m > 0) options.ground.gsd_m = arguments.gsd_m;
   if (arguments.ground_given) options.ground.height_m = arguments.ground_m;
   std::optional<tiling::MapStore> store;
-  std::optional<Writer> writer;
+  std::optional<tiling::MapWriter> writer;
   std::size_t tiles = 0;
-  std::unique_ptr<Progress> progress;
-  std::string stage;
+  StageProgress progress("mapping ");
   tiling::BatchEvents events;
-  events.progress = [&](const std::string& name, std::uint64_t done, std::uint64_t total) {
-    if (name != stage) progress = std::make_unique<Progress>("mapping " + name, total);
-    stage = name;
-    progress->update(done);
-  };
+  events.progress = std::ref(progress);
   events.ground = [&](const tiling::MapGround& ground) -> Result<void> {
     tiling::MapMeta meta;
     meta.name = std::filesystem::path(arguments.map).stem().string();
@@ -177,10 +104,10 @@ Result<int> run(const Arguments& arguments, const Context& context) {
     return writer->add(tile);
   };
   auto result = tiling::mapFlight(*gl_context, *flight, options, events);
-  progress.reset();
+  progress.finish();
   if (!result) return tl::unexpected(result.error());
   if (auto ok = writer->flush(); !ok) return tl::unexpected(ok.error());
-  auto parents = makePyramid(*store);
+  auto parents = tiling::makePyramid(*store);
   if (!parents) return tl::unexpected(parents.error());
   if (context.json) {
     fmt::print("{}\n", nlohmann::json{{"map", arguments.map},

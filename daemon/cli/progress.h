@@ -2,7 +2,9 @@
 #include <chrono>
 #include <cstdint>
 #include <cstdio>
+#include <optional>
 #include <string>
+#include <utility>
 
 namespace overfly::cli {
 
@@ -41,6 +43,24 @@ class Progress {
       1;  // tenth of the way (or decade of the count) that the next plain line is due at
   Clock::time_point started_ = Clock::now();
   Clock::time_point last_draw_ = started_;
+};
+
+// Progress of work that goes through several stages, one Progress each: a callback for those that tell the
+// stage's name. Single thread.
+class StageProgress {
+ public:
+  // `prefix` stands before the stages' names.
+  explicit StageProgress(std::string prefix) : prefix_(std::move(prefix)) {}
+  void operator()(const std::string& stage, std::uint64_t done, std::uint64_t total) {
+    if (!progress_ || stage != stage_) progress_.emplace(prefix_ + stage, total);
+    stage_ = stage;
+    progress_->update(done);
+  }
+  void finish() { progress_.reset(); }
+
+ private:
+  std::string prefix_, stage_;
+  std::optional<Progress> progress_;
 };
 
 }  // namespace overfly::cli

@@ -8,8 +8,8 @@
 
 #include "capture/replay/replay_source.h"
 #include "daemon/overflyd/boot_clock.h"
-#include "daemon/overflyd/options.h"
 #include "daemon/overflyd/log.h"
+#include "daemon/overflyd/options.h"
 
 // The pipeline as a whole, and its capture thread.
 namespace overfly::daemon {

@@ -190,6 +190,7 @@ class Pipeline {
   // There is time: the cells made at the fastest points are due again, at the last one. False: there is none.
   [[nodiscard]] bool improveWorst();
   [[nodiscard]] std::string madeAt(const geo::TileKey& cell) const;  // empty: as the settings say
+  void alsoSpent(double seconds);                                    // on work beside the sweeps
   void rest(double worked_s);  // what quality.gpu_share leaves to others
   [[nodiscard]] QualityStatus qualityStatus() const;
 
@@ -244,6 +245,7 @@ class Pipeline {
   std::unique_ptr<Governor> governor_;
   std::map<geo::TileKey, std::size_t> cheap_;  // cells last swept below the last point, and where
   std::set<geo::TileKey> improving_;           // of these, due again
+  bool only_improving_ = false;                // the last sweep was one of these
   bool landed_ = false;                        // no frame is to come
   Throttling throttling_;
   std::int64_t heat_looked_at_ns_ = 0;

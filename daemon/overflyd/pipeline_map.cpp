@@ -301,6 +301,7 @@ Result<void> Pipeline::makeParentOf(const geo::TileKey& key) {
 }
 
 Result<void> Pipeline::finish(tiling::Mapper& mapper, const geo::TileKey& cell) {
+  mapper.setOptions(as_set_);  // for cells that have left memory and are swept again
   auto tiles = onGl("orthophoto", [&] { return mapper.finishCell(cell, tiling::Mapper::Around::AsSwept); });
   if (!tiles) return tl::unexpected(tiles.error());
   std::set<geo::TileKey> parents;
@@ -480,7 +481,8 @@ void Pipeline::mapUntil(tiling::Mapper& mapper, const std::stop_token& stop) {
       begin(Stage::Mapping);
       const std::int64_t start_ns = now_ns();
       if (!takeNext(mapper, std::move(*waiting), stop)) return;
-      governor_->alsoSpent(static_cast<double>(now_ns() - start_ns) / 1e9 * throttling_.headroom);
+      only_improving_ = false;
+      alsoSpent(static_cast<double>(now_ns() - start_ns) / 1e9);
       if (scheduler_ && unbalanced_ >= kBalanceFrames) balance(mapper);
       showProgress(mapper);
       continue;
@@ -514,7 +516,7 @@ void Pipeline::mapUntil(tiling::Mapper& mapper, const std::stop_token& stop) {
     const std::int64_t start_ns = now_ns();
     const auto made = work(mapper, *job);
     const double worked_s = static_cast<double>(now_ns() - start_ns) / 1e9;
-    if (job->kind != tiling::TileJob::Kind::Sweep) governor_->alsoSpent(worked_s * throttling_.headroom);
+    if (job->kind != tiling::TileJob::Kind::Sweep) alsoSpent(worked_s);
     if (made) {
       scheduler_->done(*job, *made, now_ns());
     } else {
@@ -522,6 +524,7 @@ void Pipeline::mapUntil(tiling::Mapper& mapper, const std::stop_token& stop) {
       warnOnce("tile",
                fmt::format("tile {}/{}/{}: {}", job->key.zoom, job->key.x, job->key.y, made.error().message));
       scheduler_->failed(*job, now_ns());
+      if (job->kind == tiling::TileJob::Kind::Sweep) cheap_.erase(job->key);  // not to be improved for ever
     }
     showProgress(mapper);
     rest(worked_s);

@@ -116,18 +116,22 @@ Result<bool> Pipeline::sweepAtPoint(tiling::Mapper& mapper, const geo::TileKey& 
                          .waiting_cells = static_cast<double>(scheduler_->worthTiles()),
                          .cells_due = scheduler_->worthSoFar(),
                          .headroom = throttling_.headroom});
-  const std::size_t point = improving_.erase(cell) > 0 ? governor_->best() : governed;
+  const bool improving = improving_.erase(cell) > 0;
+  only_improving_ = improving;
+  const std::size_t point = improving ? governor_->best() : governed;
   mapper.setOptions(optionsAt(point));
   const std::uint64_t swept_before = mapper.statistics().cells_swept;
   auto changed = onGl("sweep", [&] { return mapper.sweepCell(cell); });
   if (!changed) return changed;
   if (mapper.statistics().cells_swept > swept_before)
     governor_->swept(point, static_cast<double>(now_ns() - start_ns) / 1e9 * throttling_.headroom);
-  if (point < governor_->best())
+  if (point < governor_->best()) {
     cheap_.insert_or_assign(cell, point);
-  else
-    cheap_.erase(cell);
-  return changed;
+    return changed;
+  }
+  // It may have been swept like this for a neighbour's sake already, after it had left memory: what was made
+  // from the cheap sweep is to be made again all the same.
+  return *changed || cheap_.erase(cell) > 0;
 }
 
 bool Pipeline::improveWorst() {
@@ -148,6 +152,11 @@ bool Pipeline::improveWorst() {
 std::string Pipeline::madeAt(const geo::TileKey& cell) const {
   const auto cheap = cheap_.find(cell);
   return cheap == cheap_.end() ? "" : (*table_)[cheap->second].name;
+}
+
+void Pipeline::alsoSpent(double seconds) {
+  // What improvements bring with them comes out of spare time.
+  if (!only_improving_) governor_->alsoSpent(seconds * throttling_.headroom);
 }
 
 void Pipeline::rest(double worked_s) {

@@ -320,16 +320,25 @@ for (const button of document.querySelectorAll('[data-layer]')) {
     applyLayers();
   };
 }
-const EYE_SHARE = 0.3;  // of what the map shows across: how high above the ground the camera stands
+const EYE_SHARE = 0.3;  // of what is seen of the map across: how high above the ground the camera stands
 const camera = new Camera($('camera-panel'), $('camera-picture'), $('camera-says'), {
   base: () => base,
-  async place() {
+  // Back from the middle of what the page shows, so that it is in the middle of the picture too.
+  async place(pitch) {
     const { lat, lng } = map.getCenter().wrap();
     const ground = await getJson(`${base}height?lat=${lat.toFixed(8)}&lon=${lng.toFixed(8)}`).catch(() => null);
-    const bounds = map.getBounds();
-    const across = new maplibregl.LngLat(bounds.getWest(), lat).distanceTo(new maplibregl.LngLat(bounds.getEast(), lat));
-    const high = doc('elevation')?.height_range?.[1] ?? 0;
-    return { lat, lon: lng, height: (ground?.height_m ?? high) + Math.max(5, EYE_SHARE * across), heading: (map.getBearing() + 360) % 360 };
+    const metres = (west, east) => new maplibregl.LngLat(west, lat).distanceTo(new maplibregl.LngLat(east, lat));
+    const shown = map.getBounds();
+    const whole = doc('elevation')?.bounds;
+    const across = Math.min(metres(shown.getWest(), shown.getEast()), whole ? metres(whole[0], whole[2]) : Infinity);
+    const [low, high] = doc('elevation')?.height_range ?? [0, 0];
+    const above = Math.max(5, EYE_SHARE * across);
+    const heading = (map.getBearing() + 360) % 360;
+    const turn = heading * Math.PI / 180;
+    const back = above / Math.tan(-pitch * Math.PI / 180);
+    const degree = 111320;  // metres, of latitude
+    return { lat: lat - back * Math.cos(turn) / degree, lon: lng - back * Math.sin(turn) / (degree * Math.cos(lat * Math.PI / 180)),
+      height: Math.max(high, (ground?.height_m ?? low) + above), heading };
   },
 });
 $('camera').onclick = () => { const on = pressed($('camera'), !pressed($('camera'))); if (on) camera.open(); else camera.close(); };

@@ -1,10 +1,11 @@
 // The view drawn on board (/preview.jpg): dragging turns it, the wheel narrows it. One picture is asked for at
 // a time, always the latest one wanted.
 const WIDTH = 640, HEIGHT = 360;
+const PITCH = -35;  // degrees, at first
 const SHARPER = 4000;  // ms between pictures while nobody turns it: the map goes on
 
 export class Camera {
-  // `place`: a promise of {lat, lon, height, heading} to stand at. `base`: '' or 'm/ID/'.
+  // `place(pitch)`: a promise of {lat, lon, height, heading} to stand at. `base`: '' or 'm/ID/'.
   constructor(panel, picture, says, { place, base }) {
     Object.assign(this, { panel, picture, says, place, base });
     this.view = null;
@@ -38,8 +39,7 @@ export class Camera {
   }
 
   async stand() {
-    const at = await this.place();
-    this.view = { pitch: -30, fov: 60, ...at };
+    this.view = { pitch: PITCH, fov: 60, ...await this.place(PITCH) };
     await this.ask();
   }
 

@@ -2,11 +2,11 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 
 #include "capture/geo/geodetic.h"
+#include "capture/geo/similarity.h"
 #include "capture/import/import_flight.h"
 #include "tiling/adjust/flight_adjust.h"
 
@@ -97,20 +97,13 @@ Result<std::vector<Trial>> tryAdjustment(
     trial.error = std::numeric_limits<double>::infinity();
     double angle = 0;
     if (from.size() >= 3) {
-      Eigen::Matrix3Xd a(3, static_cast<Eigen::Index>(from.size())), b = a;
-      for (std::size_t k = 0; k < from.size(); ++k) {
-        a.col(static_cast<Eigen::Index>(k)) = from[k];
-        b.col(static_cast<Eigen::Index>(k)) = to[k];
-      }
-      const Eigen::Matrix4d map = Eigen::umeyama(a, b, true);
-      const Eigen::Matrix3d linear = map.topLeftCorner<3, 3>();
-      const Eigen::Matrix3d rotation = linear / std::cbrt(linear.determinant());
+      const geo::Similarity map = geo::similarityBetween(from, to);
       const Eigen::Matrix3d enu_from_ecef = local->enuFromEcefRotation();
       double squares = 0;
       for (std::size_t k = 0; k < from.size(); ++k) {
-        squares += (linear * from[k] + map.topRightCorner<3, 1>() - to[k]).squaredNorm();
+        squares += (map(from[k]) - to[k]).squaredNorm();
         const Eigen::Vector3d ours =
-            rotation * enu_from_ecef * (mine[k]->ecef_from_camera * Eigen::Vector3d::UnitZ());
+            map.turn * enu_from_ecef * (mine[k]->ecef_from_camera * Eigen::Vector3d::UnitZ());
         const Eigen::Vector3d other =
             enu_from_ecef * (theirs[k]->ecef_from_camera * Eigen::Vector3d::UnitZ());
         angle += std::atan2(ours.cross(other).norm(), ours.dot(other)) / static_cast<double>(from.size());

@@ -2,15 +2,15 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
-#include <array>
 #include <cmath>
 #include <functional>
-#include <optional>
-#include <set>
+#include <memory>
+#include <opencv2/imgproc.hpp>
 
 #include "render/preview/previewer.h"
-#include "tiling/clipmap/parent.h"
+#include "tiling/preview/store_tile_source.h"
+#include "tiling/pyramid/map_writer.h"
+#include "tiling/pyramid/pyramid.h"
 
 namespace overfly::tradeoff {
 namespace {
@@ -23,79 +23,25 @@ using preview::View;
 
 constexpr double kPitch = -0.7, kFov = 1.0471975512;  // radians
 
-// A map's whole pyramid in memory.
-class MapInMemory final : public preview::TileSource {
- public:
-  MapInMemory(const std::map<geo::TileKey, tiling::Tile>& tiles, const tiling::MapGround& ground,
-              int tile_size) {
-    extent_.lattice = ground.lattice;
-    extent_.tile_size = tile_size;
-    extent_.finest_zoom = ground.base_zoom;
-    extent_.min = {INFINITY, INFINITY};
-    extent_.max = {-INFINITY, -INFINITY};
-    std::set<geo::TileKey> level;
-    std::map<geo::TileKey, tiling::Tile> parents;
-    for (const auto& [key, tile] : tiles) {
-      extent_.min = extent_.min.cwiseMin(geo::TileLattice::planeOf(key, 0, 0));
-      extent_.max = extent_.max.cwiseMax(geo::TileLattice::planeOf(key, 1, 1));
-      add(tile);
-      level.insert(key);
-    }
-    const auto find = [&](const geo::TileKey& key) -> const tiling::Tile* {
-      if (const auto it = tiles.find(key); it != tiles.end()) return &it->second;
-      const auto it = parents.find(key);
-      return it == parents.end() ? nullptr : &it->second;
-    };
-    while (spread(level) > 1 && level.begin()->zoom > 0) {
-      std::set<geo::TileKey> next;
-      for (const geo::TileKey& key : level) next.insert(geo::parentOf(key));
-      for (const geo::TileKey& key : next) {
-        std::array<const tiling::Tile*, 4> children{};
-        for (int i = 0; i < 4; ++i) children[static_cast<std::size_t>(i)] = find(geo::childOf(key, i));
-        const auto made = parents.insert_or_assign(key, tiling::makeParent(key, children)).first;
-        add(made->second);
-      }
-      level = std::move(next);
-    }
-  }
-
-  Result<preview::MapExtent> extent() override { return extent_; }
-  Result<preview::SourceTilePtr> load(const geo::TileKey& key) override {
-    const auto it = tiles_.find(key);
-    if (it == tiles_.end()) return fail(ErrorCode::NotFound, "no such tile");
-    return it->second;
-  }
-  Result<std::vector<geo::TileKey>> changes(std::uint64_t& since) override {
-    since = 1;
-    return std::vector<geo::TileKey>{};
-  }
-
- private:
-  void add(const tiling::Tile& tile) {
-    auto out = std::make_shared<preview::SourceTile>();
-    out->key = tile.key;
-    out->revision = 1;
-    out->size = tile.size;
-    out->color = tile.color;
-    out->elevation = tile.elevation;
-    out->elevation_max = tiling::elevationMax(tile);
-    out->confidence = tile.confidence;
-    tiles_.insert_or_assign(tile.key, std::move(out));
-  }
-  static std::int64_t spread(const std::set<geo::TileKey>& keys) {
-    std::int64_t west = INT64_MAX, east = INT64_MIN, north = INT64_MAX, south = INT64_MIN;
-    for (const geo::TileKey& key : keys) {
-      west = std::min<std::int64_t>(west, key.x);
-      east = std::max<std::int64_t>(east, key.x);
-      north = std::min<std::int64_t>(north, key.y);
-      south = std::max<std::int64_t>(south, key.y);
-    }
-    return std::max(east - west, south - north);
-  }
-
-  preview::MapExtent extent_;
-  std::map<geo::TileKey, preview::SourceTilePtr> tiles_;
-};
+// The tiles as a map on disk with all its levels, as the preview has them.
+Result<std::unique_ptr<tiling::StoreTileSource>> sourceOf(const std::map<geo::TileKey, tiling::Tile>& tiles,
+                                                          const tiling::MapGround& ground, int tile_size,
+                                                          const std::filesystem::path& file) {
+  tiling::MapMeta meta;
+  meta.lattice = ground.lattice.text();
+  meta.base_zoom = ground.base_zoom;
+  meta.tile_size = tile_size;
+  auto store = tiling::MapStore::create(file, meta);
+  if (!store) return tl::unexpected(store.error());
+  tiling::MapWriter writer(*store);
+  for (const auto& [key, tile] : tiles)
+    if (auto added = writer.add(tile); !added) return tl::unexpected(added.error());
+  if (auto written = writer.flush(); !written) return tl::unexpected(written.error());
+  if (auto made = tiling::makePyramid(*store); !made) return tl::unexpected(made.error());
+  auto reader = tiling::MapReader::open(file);
+  if (!reader) return tl::unexpected(reader.error());
+  return tiling::StoreTileSource::create(std::move(*reader));
+}
 
 // The middle of the map from the south, near enough that level 0 is what a pixel shows in the foreground.
 Result<View> obliqueView(const preview::MapExtent& extent, double ground_m, int width) {
@@ -116,37 +62,18 @@ Result<View> obliqueView(const preview::MapExtent& extent, double ground_m, int 
   return view;
 }
 
-// The mean of `factor` x `factor` pixels each, or each pixel repeated: nothing a viewer could not do.
-std::vector<std::uint8_t> resized(const Picture& picture, int width, int height) {
-  std::vector<std::uint8_t> out(4 * static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
-  const double sx = static_cast<double>(picture.width) / width;
-  const double sy = static_cast<double>(picture.height) / height;
-  for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x) {
-      const int x0 = static_cast<int>(x * sx), y0 = static_cast<int>(y * sy);
-      const int nx = std::max(1, static_cast<int>(sx)), ny = std::max(1, static_cast<int>(sy));
-      std::array<int, 4> sum{};
-      for (int v = y0; v < y0 + ny; ++v)
-        for (int u = x0; u < x0 + nx; ++u)
-          for (std::size_t c = 0; c < 4; ++c)
-            sum[c] +=
-                picture.rgba[4 * (static_cast<std::size_t>(v) * static_cast<std::size_t>(picture.width) +
-                                  static_cast<std::size_t>(u)) +
-                             c];
-      for (std::size_t c = 0; c < 4; ++c)
-        out[4 * (static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
-                 static_cast<std::size_t>(x)) +
-            c] = static_cast<std::uint8_t>((sum[c] + nx * ny / 2) / (nx * ny));
-    }
+// At the size of the reference: averaged down, or each pixel repeated, which any viewer can do.
+cv::Mat resized(const Picture& picture, int width, int height) {
+  const cv::Mat rgba(picture.height, picture.width, CV_8UC4, const_cast<std::uint8_t*>(picture.rgba.data()));
+  cv::Mat rgb, out;
+  cv::cvtColor(rgba, rgb, cv::COLOR_RGBA2RGB);
+  cv::resize(rgb, out, {width, height}, 0, 0, picture.width > width ? cv::INTER_AREA : cv::INTER_NEAREST);
   return out;
 }
 
-double meanDifference(const std::vector<std::uint8_t>& a, const std::vector<std::uint8_t>& b) {
-  double sum = 0;
-  for (std::size_t i = 0; i < a.size(); i += 4)
-    for (std::size_t c = 0; c < 3; ++c)
-      sum += std::abs(static_cast<int>(a[i + c]) - static_cast<int>(b[i + c]));
-  return a.empty() ? 0 : sum / (0.75 * static_cast<double>(a.size()));
+double meanDifference(const cv::Mat& a, const cv::Mat& b) {
+  return cv::norm(a, b, cv::NORM_L1) /
+         static_cast<double>(a.total() * static_cast<std::size_t>(a.channels()));
 }
 
 struct Setting {
@@ -193,14 +120,16 @@ std::vector<Setting> settings() {
 }  // namespace
 
 Result<std::vector<Trial>> tryPreview(gl::Context& context, const std::map<geo::TileKey, tiling::Tile>& tiles,
-                                      const tiling::MapGround& ground, int tile_size, int width,
-                                      int repeats) {
+                                      const tiling::MapGround& ground, int tile_size,
+                                      const std::filesystem::path& scratch, int width, int repeats) {
   if (tiles.empty()) return fail(ErrorCode::BadInput, "no tile to draw");
-  MapInMemory source(tiles, ground, tile_size);
-  preview::RamCache ram(source, {.budget_bytes = std::size_t{1} << 30});
+  auto source = sourceOf(tiles, ground, tile_size, scratch);
+  if (!source) return tl::unexpected(source.error());
+  preview::RamCache ram(**source, {.budget_bytes = std::size_t{1} << 30});
   preview::Previewer previewer(context, ram, {.gpu_bytes = std::size_t{512} << 20});
-  const preview::MapExtent extent = *source.extent();
-  auto view = obliqueView(extent, ground.height_m, width);
+  const auto extent = (*source)->extent();
+  if (!extent) return tl::unexpected(extent.error());
+  auto view = obliqueView(*extent, ground.height_m, width);
   if (!view) return tl::unexpected(view.error());
 
   Look best;
@@ -212,7 +141,7 @@ Result<std::vector<Trial>> tryPreview(gl::Context& context, const std::map<geo::
   doubled.height *= 2;
   auto drawn = previewer.drawSettled(doubled, best);
   if (!drawn) return tl::unexpected(drawn.error());
-  const std::vector<std::uint8_t> reference = resized(drawn->picture, view->width, view->height);
+  const cv::Mat reference = resized(drawn->picture, view->width, view->height);
 
   std::vector<Trial> trials;
   for (const Setting& setting : settings()) {

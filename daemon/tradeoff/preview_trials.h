@@ -1,4 +1,5 @@
 #pragma once
+#include <filesystem>
 #include <map>
 #include <vector>
 
@@ -14,10 +15,12 @@ namespace overfly::tradeoff {
 // every surface, filter and resolution of the preview, tiles in GPU memory already. The error is the mean
 // difference of red, green and blue, 0 to 255, from a picture of twice the resolution with the bicubic
 // surface, 16 anisotropic samples and the finest level everywhere, averaged down. Time is per picture of
-// `width` columns (16:9), drawn and read back. BadInput: nothing to draw.
+// `width` columns (16:9), drawn and read back. `scratch`: a map file that is not there
+// yet. BadInput: nothing to draw.
 [[nodiscard]] Result<std::vector<Trial>> tryPreview(gl::Context& context,
                                                     const std::map<geo::TileKey, tiling::Tile>& tiles,
-                                                    const tiling::MapGround& ground, int tile_size, int width,
+                                                    const tiling::MapGround& ground, int tile_size,
+                                                    const std::filesystem::path& scratch, int width,
                                                     int repeats);
 
 }  // namespace overfly::tradeoff

@@ -159,33 +159,27 @@ Result<SweepTrials> trySweep(
     const int runs = repeats + (i == 0 ? 1 : 0);
     for (int run = 0; run < runs; ++run) {
       progress(i, total, setting.text);
-      std::map<geo::TileKey, tiling::Tile> tiles;
-      tiling::BatchEvents events;
-      events.tile = [&](tiling::Tile&& tile) -> Result<void> {
-        const geo::TileKey key = tile.key;
-        tiles.insert_or_assign(key, std::move(tile));
-        return {};
-      };
       tiling::BatchOptions options;
       options.mapper = setting.options;
       if (setting.coarser > 0 && native) options.ground.gsd_m = native->gsd_m * (1 << setting.coarser);
-      Result<tiling::BatchResult> mapped = fail(ErrorCode::Internal, "not run");
+      Result<tiling::MappedTiles> made = fail(ErrorCode::Internal, "not run");
       const Elapsed elapsed =
-          elapsedOf([&] { mapped = tiling::mapFlight(context, reference.flight, options, events); });
-      if (!mapped) return tl::unexpected(mapped.error());
+          elapsedOf([&] { made = tiling::mapFlightToTiles(context, reference.flight, options); });
+      if (!made) return tl::unexpected(made.error());
+      const auto& [mapped, tiles] = *made;
       if (tiles.empty()) return fail(ErrorCode::BadInput, "no tile could be made of " + reference.name);
       if (i == 0 && run == 0) continue;
-      if (!native) native = mapped->ground;
+      if (!native) native = mapped.ground;
       const double count =
-          std::ldexp(static_cast<double>(tiles.size()), 2 * (native->base_zoom - mapped->ground.base_zoom));
+          std::ldexp(static_cast<double>(tiles.size()), 2 * (native->base_zoom - mapped.ground.base_zoom));
       processor.push_back(elapsed.processor_ms / count);
       wall.push_back(elapsed.wall_ms / count);
-      statistics = mapped->statistics;
+      statistics = mapped.statistics;
       sweep_s.push_back(statistics.sweep_s + statistics.match_s);
       tile_count = tiles.size();
       comparison =
-          tiling::compare(tiles, mapped->ground.lattice, mapped->ground.base_zoom, mapped->ground.anchor_px,
-                          reference.points, mapped->ground.gsd_m, reference.strong_track);
+          tiling::compare(tiles, mapped.ground.lattice, mapped.ground.base_zoom, mapped.ground.anchor_px,
+                          reference.points, mapped.ground.gsd_m, reference.strong_track);
     }
     trial.processor = timingOf(processor);
     trial.wall = timingOf(wall);

@@ -19,33 +19,22 @@
 #include <thread>
 #include <vector>
 
+#include "tests/base64.h"
+#include "tests/shell.h"
+
 namespace overfly::vm {
 namespace {
 
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 using namespace std::chrono_literals;
+using test::fromBase64;
+using test::Outcome;
+using test::shell;
+using test::toBase64;
 
 // A boot takes 20 s on two free cores.
 constexpr auto kBootLimit = 600s;
-
-struct Outcome {
-  int status = -1;
-  std::string output;
-};
-
-Outcome shell(const std::string& command) {
-  Outcome out;
-  FILE* pipe = popen(command.c_str(), "r");
-  if (pipe == nullptr) return out;
-  std::array<char, 4096> block{};
-  while (const std::size_t bytes = std::fread(block.data(), 1, block.size(), pipe))
-    out.output.append(block.data(), bytes);
-  const int status = pclose(pipe);
-  out.status = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-  while (!out.output.empty() && out.output.back() == '\n') out.output.pop_back();
-  return out;
-}
 
 struct Image {
   std::string folder, problem;
@@ -62,10 +51,12 @@ const Image& image() {
     const char* asked = std::getenv("OVERFLY_VM_BUILD_SECONDS");
     const std::string seconds = asked != nullptr ? asked : "0";
     const std::string program = "'" OVERFLY_SOURCE_DIR "/tests/vm/image'";
-    const Outcome made = shell((seconds == "0" ? program + " --cached" : "timeout " + seconds + " " + program) +
-                               " 2>/dev/null </dev/null");
+    const Outcome made =
+        shell((seconds == "0" ? program + " --cached" : "timeout " + seconds + " " + program) +
+              " 2>/dev/null </dev/null");
     if (made.status == 0) {
-      out.folder = made.output.substr(made.output.rfind('\n') + 1);
+      const std::string line = made.output.substr(0, made.output.find_last_not_of('\n') + 1);
+      out.folder = line.substr(line.rfind('\n') + 1);
     } else if (seconds == "0") {
       out.problem = "the guest's image is not cached: ./tests/run vm makes it";
     } else if (made.status == 124) {
@@ -89,38 +80,6 @@ int freePort(int type) {
   getsockname(fd, reinterpret_cast<sockaddr*>(&address), &size);
   close(fd);
   return ntohs(address.sin_port);
-}
-
-constexpr std::string_view kAlphabet = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-
-std::string toBase64(const std::string& bytes) {
-  std::string out;
-  unsigned value = 0;
-  int bits = 0;
-  for (const char c : bytes) {
-    value = value << 8 | static_cast<unsigned char>(c);
-    for (bits += 8; bits >= 6; bits -= 6) out += kAlphabet[value >> (bits - 6) & 63];
-  }
-  if (bits > 0) out += kAlphabet[value << (6 - bits) & 63];
-  while (out.size() % 4 != 0) out += '=';
-  return out;
-}
-
-std::string fromBase64(const std::string& text) {
-  std::string out;
-  unsigned value = 0;
-  int bits = 0;
-  for (const char c : text) {
-    const std::size_t digit = kAlphabet.find(c);
-    if (digit == std::string_view::npos) break;
-    value = value << 6 | static_cast<unsigned>(digit);
-    bits += 6;
-    if (bits >= 8) {
-      bits -= 8;
-      out += static_cast<char>(value >> bits & 255);
-    }
-  }
-  return out;
 }
 
 }  // namespace

@@ -1,7 +1,5 @@
-#include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/socket.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -14,6 +12,7 @@
 #include <sstream>
 #include <string>
 
+#include "tests/integration/link/client.h"
 #include "tests/vm/guest.h"
 
 // The Debian package under systemd, with the kernel's own camera.
@@ -31,27 +30,6 @@ bool makePackage() {
                                        "cpack -G DEB -B vm >vm/cpack.log 2>&1 && "
                                        "mv vm/overfly_*.deb vm/overfly.deb") == 0;
   return made;
-}
-
-// GET from the guest's link, through the emulated network; empty when there is no answer.
-std::string get(int port, const std::string& path) {
-  const int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_port = htons(static_cast<std::uint16_t>(port));
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  const timeval limit{30, 0};
-  setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof limit);
-  std::string answer;
-  if (connect(fd, reinterpret_cast<sockaddr*>(&address), sizeof address) == 0) {
-    const std::string request = "GET " + path + " HTTP/1.1\r\nHost: guest\r\nConnection: close\r\n\r\n";
-    (void)send(fd, request.data(), request.size(), MSG_NOSIGNAL);
-    char block[4096];
-    for (ssize_t bytes = 0; (bytes = read(fd, block, sizeof block)) > 0;)
-      answer.append(block, static_cast<std::size_t>(bytes));
-  }
-  close(fd);
-  return answer;
 }
 
 constexpr const char* kCamera = "/dev/v4l/by-path/platform-vivid.0-video-index0";
@@ -129,7 +107,10 @@ class Service : public testing::Test {
 
 TEST_F(Service, RecordsTheCameraAndSurvivesKillHangAndPowerCut) {
   ASSERT_TRUE(waitForFrames(5, 60s)) << journal();
-  EXPECT_THAT(get(guest_->linkPort(), "/status"), HasSubstr("v4l2:" + std::string(kCamera)));
+  EXPECT_THAT(
+      test::fetch("http://127.0.0.1:" + std::to_string(guest_->linkPort()) + "/status", {}, "GET", {}, 60000)
+          .body,
+      HasSubstr("v4l2:" + std::string(kCamera)));
 
   // A kill: systemd starts it again, and what was recorded is still there.
   const int before_kill = recorded();

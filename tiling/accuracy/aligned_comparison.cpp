@@ -57,9 +57,9 @@ class Surface {
 };
 
 // Gauss-Newton on the distances of the points from the surface, along the vertical.
-Similarity refine(const Surface& surface, std::span<const Eigen::Vector3d> points, double gsd_m,
-                  const Similarity& start) {
-  Similarity fit = start;
+geo::Similarity refine(const Surface& surface, std::span<const Eigen::Vector3d> points, double gsd_m,
+                       const geo::Similarity& start) {
+  geo::Similarity fit = start;
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
   for (const Eigen::Vector3d& p : points) centre += p / static_cast<double>(points.size());
   // Shift, turn about the centre, log scale; summed up from the start for their priors.
@@ -161,23 +161,9 @@ void fitDome(const std::vector<Eigen::Vector2d>& places, const std::vector<doubl
 
 }  // namespace
 
-Similarity similarityBetween(std::span<const Eigen::Vector3d> from, std::span<const Eigen::Vector3d> to) {
-  Eigen::Matrix3Xd a(3, from.size()), b(3, to.size());
-  for (std::size_t i = 0; i < from.size(); ++i) {
-    a.col(static_cast<Eigen::Index>(i)) = from[i];
-    b.col(static_cast<Eigen::Index>(i)) = to[i];
-  }
-  const Eigen::Matrix4d t = Eigen::umeyama(a, b, true);
-  Similarity s;
-  s.scale = std::cbrt(t.topLeftCorner<3, 3>().determinant());
-  s.turn = t.topLeftCorner<3, 3>() / s.scale;
-  s.shift = t.topRightCorner<3, 1>();
-  return s;
-}
-
 AlignedComparison compareAligned(const std::map<geo::TileKey, Tile>& tiles, const geo::TileLattice& lattice,
                                  int zoom, double anchor_px, std::span<const ReferencePoint> points,
-                                 const geo::LocalFrame& local, double gsd_m, const Similarity& start) {
+                                 const geo::LocalFrame& local, double gsd_m, const geo::Similarity& start) {
   AlignedComparison out;
   const Surface surface(tiles, lattice, zoom, anchor_px, local);
   std::vector<Eigen::Vector3d> fitting, judging;

@@ -1,32 +1,18 @@
 #pragma once
 #include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <map>
 #include <span>
 
 #include "capture/geo/geodetic.h"
+#include "capture/geo/similarity.h"
 #include "tiling/accuracy/accuracy.h"
 
 namespace overfly::tiling {
 
-// to = scale * turn * from + shift, metres in one local ENU.
-struct Similarity {
-  double scale = 1;
-  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
-  Eigen::Vector3d shift = Eigen::Vector3d::Zero();
-  [[nodiscard]] Eigen::Vector3d operator()(const Eigen::Vector3d& from) const {
-    return scale * (turn * from) + shift;
-  }
-};
-
-// Least squares over pairs (Umeyama 1991); at least three that do not lie on a line.
-[[nodiscard]] Similarity similarityBetween(std::span<const Eigen::Vector3d> from,
-                                           std::span<const Eigen::Vector3d> to);
-
 // Heights of a map whose place, level and scale are not those of the reference, because its poses come from
 // elsewhere. One half of the reference points (every second one) fits a similarity, the other half judges.
 struct AlignedComparison {
-  Similarity map_from_reference;  // in the given local ENU
+  geo::Similarity map_from_reference;  // in the given local ENU
   std::size_t fitted_points = 0;
   ErrorStatistics strong, all;  // of the other half, after the similarity, in reference GSD
   // What a similarity does not take away: a quadratic surface through the errors of the other half (Huber),
@@ -42,6 +28,6 @@ struct AlignedComparison {
                                                const geo::TileLattice& lattice, int zoom, double anchor_px,
                                                std::span<const ReferencePoint> points,
                                                const geo::LocalFrame& local, double gsd_m,
-                                               const Similarity& start);
+                                               const geo::Similarity& start);
 
 }  // namespace overfly::tiling

@@ -97,4 +97,21 @@ Result<BatchResult> mapFlight(gl::Context& context, const capture::Flight& fligh
   return result;
 }
 
+Result<MappedTiles> mapFlightToTiles(
+    gl::Context& context, const capture::Flight& flight, const BatchOptions& options,
+    const std::function<void(const std::string&, std::uint64_t, std::uint64_t)>& progress) {
+  MappedTiles made;
+  BatchEvents events;
+  events.progress = progress;
+  events.tile = [&](Tile&& tile) -> Result<void> {
+    const geo::TileKey key = tile.key;
+    made.tiles.insert_or_assign(key, std::move(tile));
+    return {};
+  };
+  auto mapped = mapFlight(context, flight, options, events);
+  if (!mapped) return tl::unexpected(mapped.error());
+  made.result = std::move(*mapped);
+  return made;
+}
+
 }  // namespace overfly::tiling

@@ -1,6 +1,7 @@
 #pragma once
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -39,5 +40,15 @@ struct BatchEvents {
 // context's thread.
 [[nodiscard]] Result<BatchResult> mapFlight(gl::Context& context, const capture::Flight& flight,
                                             const BatchOptions& options, const BatchEvents& events);
+
+// mapFlight() with its level-0 tiles kept in memory.
+struct MappedTiles {
+  BatchResult result;
+  std::map<geo::TileKey, Tile> tiles;
+};
+[[nodiscard]] Result<MappedTiles> mapFlightToTiles(
+    gl::Context& context, const capture::Flight& flight, const BatchOptions& options,
+    const std::function<void(const std::string& stage, std::uint64_t done, std::uint64_t total)>& progress =
+        {});
 
 }  // namespace overfly::tiling

@@ -101,7 +101,8 @@ class Mapper {
   [[nodiscard]] std::vector<geo::TileKey> balanceExposure();
 
   // Sweeps a cell if its frame set, or the options of the sweep, have changed since it was last swept. True
-  // when it now has heights that it did not have before: the cell and its eight neighbours are to be finished.
+  // when it now has heights that it did not have before: the cell and its eight neighbours are to be
+  // finished.
   [[nodiscard]] Result<bool> sweepCell(const geo::TileKey& cell);
 
   // The level-0 tiles of a cell: blends the heights with those of the neighbouring cells, fills small holes,

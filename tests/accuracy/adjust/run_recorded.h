@@ -1,11 +1,11 @@
 #pragma once
 #include <fmt/format.h>
 
-#include <Eigen/SVD>
 #include <chrono>
 #include <cstdlib>
 #include <stdexcept>
 
+#include "capture/geo/similarity.h"
 #include "tests/accuracy/adjust/recorded.h"
 #include "tiling/adjust/adjuster.h"
 #include "tiling/adjust/telemetry_prior.h"
@@ -13,27 +13,6 @@
 namespace overfly::tiling::adjust {
 
 using tests::RecordedFlight;
-
-struct Similarity {
-  double scale = 1;
-  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
-  Eigen::Vector3d shift = Eigen::Vector3d::Zero();
-  [[nodiscard]] Eigen::Vector3d of(const Eigen::Vector3d& p) const { return scale * (turn * p) + shift; }
-};
-
-inline Similarity fit(const std::vector<Eigen::Vector3d>& from, const std::vector<Eigen::Vector3d>& to) {
-  Eigen::Matrix3Xd a(3, from.size()), b(3, to.size());
-  for (std::size_t i = 0; i < from.size(); ++i) {
-    a.col(static_cast<Eigen::Index>(i)) = from[i];
-    b.col(static_cast<Eigen::Index>(i)) = to[i];
-  }
-  const Eigen::Matrix4d t = Eigen::umeyama(a, b, true);
-  Similarity s;
-  s.scale = std::cbrt(t.topLeftCorner<3, 3>().determinant());
-  s.turn = t.topLeftCorner<3, 3>() / s.scale;
-  s.shift = t.topRightCorner<3, 1>();
-  return s;
-}
 
 struct Outcome {
   int adjusted = 0;
@@ -43,7 +22,7 @@ struct Outcome {
   double rotation_rms_deg = 0;     // after the similarity's turn
   double live_s = 0, total_s = 0;  // wall time: frame by frame, and with the final adjustment
   double raw_position_rms_m = 0, raw_rotation_rms_deg = 0;  // the telemetry, the same way
-  Similarity similarity;
+  geo::Similarity similarity;
 };
 
 inline Outcome run(const RecordedFlight& flight, const capture::CameraModel& camera, bool verbose,
@@ -94,10 +73,10 @@ inline Outcome run(const RecordedFlight& flight, const capture::CameraModel& cam
   }
   const auto compare = [&](const std::vector<Eigen::Vector3d>& p, const std::vector<Eigen::Quaterniond>& q,
                            double& position, double& worst, double& rotation) {
-    const Similarity s = fit(p, wanted);
+    const geo::Similarity s = geo::similarityBetween(p, wanted);
     double p2 = 0, r2 = 0;
     for (std::size_t i = 0; i < p.size(); ++i) {
-      const double d = (s.of(p[i]) - wanted[i]).norm();
+      const double d = (s(p[i]) - wanted[i]).norm();
       p2 += d * d;
       worst = std::max(worst, d);
       r2 += std::pow(wanted_q[i].angularDistance(Eigen::Quaterniond(s.turn) * q[i]) * 57.29578, 2);
@@ -106,7 +85,7 @@ inline Outcome run(const RecordedFlight& flight, const capture::CameraModel& cam
     rotation = std::sqrt(r2 / static_cast<double>(p.size()));
     if (verbose)
       for (std::size_t i = 0; i < p.size(); ++i) {
-        const Eigen::Vector3d d = s.of(p[i]) - wanted[i];
+        const Eigen::Vector3d d = s(p[i]) - wanted[i];
         const Eigen::Vector3d r =
             57.29578 * rotationVector(Eigen::Quaterniond(s.turn) * q[i] * wanted_q[i].conjugate());
         fmt::print("  {} off by {:.3f} {:.3f} {:.3f} m, {:.3f} {:.3f} {:.3f} deg\n", i, d.x(), d.y(), d.z(),
@@ -139,7 +118,7 @@ inline Outcome run(const RecordedFlight& flight, const capture::CameraModel& cam
       "(telemetry: {:.3f} m, {:.3f} deg); scale {:.4f}, turn {:.2f} deg, shift at centre {:.2f} m\n",
       out.position_rms_m, out.worst_position_m, out.rotation_rms_deg, out.raw_position_rms_m,
       out.raw_rotation_rms_deg, out.similarity.scale, Eigen::AngleAxisd(out.similarity.turn).angle() * 57.3,
-      got.empty() ? 0 : (out.similarity.of(got[0]) - got[0]).norm());
+      got.empty() ? 0 : (out.similarity(got[0]) - got[0]).norm());
   return out;
 }
 

@@ -1,7 +1,6 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
-#include <map>
 
 #include "capture/import/import_flight.h"
 #include "tests/bench/sweep/bench.h"
@@ -9,6 +8,7 @@
 #include "tiling/accuracy/accuracy.h"
 #include "tiling/accuracy/border_steps.h"
 #include "tiling/mapping/batch_map.h"
+#include "tiling/mapping/mapper_settings.h"
 
 namespace overfly::bench {
 
@@ -16,14 +16,9 @@ using namespace overfly::tiling;
 
 bool borders(gl::Context& context, const std::string& folder) {
   const capture::Flight flight = need(capture::importFlight(folder));
-  std::map<geo::TileKey, Tile> tiles;
-  BatchEvents events;
-  events.tile = [&](Tile&& tile) -> Result<void> {
-    const geo::TileKey key = tile.key;
-    tiles.insert_or_assign(key, std::move(tile));
-    return {};
-  };
-  const BatchResult result = need(mapFlight(context, flight, {}, events));
+  BatchOptions options;
+  options.mapper = mapperOptions({});
+  const auto [result, tiles] = need(mapFlightToTiles(context, flight, options));
   const std::vector<ReferencePoint> points = need(readReferencePoints(
       std::filesystem::path(folder) / "reference_points.csv", flight.info().origin.value()));
   const MapGround& ground = result.ground;

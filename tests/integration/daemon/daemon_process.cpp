@@ -26,18 +26,6 @@ fs::path smokeFlight() {
   return fs::exists(path) ? path : fs::path();
 }
 
-Outcome shell(const std::string& command) {
-  Outcome out;
-  FILE* pipe = popen((command + " 2>&1").c_str(), "r");
-  if (pipe == nullptr) return out;
-  std::array<char, 4096> block{};
-  while (const std::size_t bytes = std::fread(block.data(), 1, block.size(), pipe))
-    out.output.append(block.data(), bytes);
-  const int status = pclose(pipe);
-  out.status = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-  return out;
-}
-
 DaemonProcess::DaemonProcess(double speed, const std::string& settings) {
   std::string name = (fs::temp_directory_path() / "overfly_daemon_XXXXXX").string();
   if (mkdtemp(name.data()) == nullptr) throw std::runtime_error("no temporary folder");

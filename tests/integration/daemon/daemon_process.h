@@ -9,6 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "tests/shell.h"
+
 // The built daemon as a process of its own, with a folder of its own, talked to over HTTP and by signals.
 namespace overfly::test {
 
@@ -50,11 +52,5 @@ class DaemonProcess {
   fs::path folder_;
   pid_t pid_ = -1;
 };
-
-struct Outcome {
-  int status = -1;
-  std::string output;  // stdout and stderr
-};
-[[nodiscard]] Outcome shell(const std::string& command);
 
 }  // namespace overfly::test

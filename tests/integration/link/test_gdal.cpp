@@ -37,6 +37,8 @@ class Gdal : public testing::TestWithParam<Place> {
     if (output("gdalinfo --version").empty()) GTEST_SKIP() << "gdal-bin is not installed";
     std::string pattern = std::filesystem::temp_directory_path() / "overfly-gdal-XXXXXX";
     folder_ = mkdtemp(pattern.data());
+    // Else GDAL's drivers leave their tiles in the folder that the tests run in.
+    setenv("GDAL_DEFAULT_WMS_CACHE_PATH", (folder_ / "gdal-cache").c_str(), 1);
     const auto lattice = geo::TileLattice::webMercator();
     const auto plane = lattice.planeFromGeodetic(geo::radians(GetParam().lat), geo::radians(GetParam().lon));
     auto corner = geo::TileLattice::keyAt(*plane, 18);

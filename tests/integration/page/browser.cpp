@@ -4,6 +4,7 @@
 
 #include <stdexcept>
 
+#include "tests/base64.h"
 #include "tests/integration/link/client.h"
 
 namespace overfly::test {
@@ -11,23 +12,6 @@ namespace {
 
 constexpr const char* kDriver = "/usr/bin/chromedriver";
 constexpr long kPatience_ms = 120000;  // software rendering on a busy machine
-
-std::string decodeBase64(const std::string& text) {
-  static const std::string digits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string out;
-  unsigned value = 0;
-  int bits = 0;
-  for (const char c : text) {
-    const auto at = digits.find(c);
-    if (at == std::string::npos) continue;
-    value = value << 6 | static_cast<unsigned>(at);
-    bits += 6;
-    if (bits < 8) continue;
-    bits -= 8;
-    out += static_cast<char>(value >> bits & 255);
-  }
-  return out;
-}
 
 }  // namespace
 
@@ -90,9 +74,7 @@ nlohmann::json Browser::run(const std::string& script) {
   return command("POST", "/execute/sync", {{"script", script}, {"args", nlohmann::json::array()}});
 }
 
-std::string Browser::screenshotPng() {
-  return decodeBase64(command("GET", "/screenshot").get<std::string>());
-}
+std::string Browser::screenshotPng() { return fromBase64(command("GET", "/screenshot").get<std::string>()); }
 
 Picture Browser::screenshot() {
   const auto file = screenshotPng();

@@ -29,12 +29,14 @@ int setting(const char* name, int otherwise) {
 // A TCP connection that speaks as badly as the test wants.
 class Raw {
  public:
-  explicit Raw(int port) : fd_(socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
+  // `patience`: for an answer, in drain().
+  explicit Raw(int port, std::chrono::milliseconds patience = 10s)
+      : fd_(socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
     sockaddr_in to{};
     to.sin_family = AF_INET;
     to.sin_port = htons(static_cast<std::uint16_t>(port));
     to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    const timeval limit{10, 0};
+    const timeval limit{patience / 1s, (patience % 1s) / 1us};
     setsockopt(fd_, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof limit);
     open_ = connect(fd_, reinterpret_cast<sockaddr*>(&to), sizeof to) == 0;
   }
@@ -89,16 +91,15 @@ class LinkStress : public testing::Test {
   void serveMadeMap() {
     map_ = std::make_unique<MadeMap>(folder_ / "made.overfly", geo::TileKey{18, 137001, 87001}, 4);
     map_->makeAll();
-    program_ = std::make_unique<Program>(std::vector<std::string>{OVERFLY_PROGRAM, "serve", map_->path(),
-                                                                  "--listen", "127.0.0.1:0", "--set",
-                                                                  "link.max_connections=1024"});
+    program_ = std::make_unique<Program>(
+        std::vector<std::string>{OVERFLY_PROGRAM, "serve", map_->path(), "--listen", "127.0.0.1:0"});
     started();
     tile_ = fmt::format("tiles/color/18/{}/{}.webp", map_->corner().x + 1, map_->corner().y + 1);
   }
   void mapFlight(const std::string& flight) {
-    program_ = std::make_unique<Program>(std::vector<std::string>{
-        OVERFLYD_PROGRAM, "--set", "source.path=" + flight, "--set", "map.folder=" + folder_.string(),
-        "--set", "link.port=0", "--set", "link.max_connections=1024"});
+    program_ = std::make_unique<Program>(
+        std::vector<std::string>{OVERFLYD_PROGRAM, "--set", "source.path=" + flight, "--set",
+                                 "map.folder=" + folder_.string(), "--set", "link.port=0"});
     started();
     for (int i = 0; i < 600; ++i) {
       const auto text = fetch(url_ + "changes?since=0&layers=color&max_bytes=1").body;
@@ -182,7 +183,7 @@ TEST_F(LinkStress, SlowLorisesAndEventStreamsLockNobodyOut) {
     return;
   }
   const auto status = nlohmann::json::parse(fetch(url_ + "status").body);
-  EXPECT_EQ(status["frames"]["refused"], 0) << status.dump(1);
+  EXPECT_TRUE(status["frames"]["refused"].empty()) << status.dump(1);
 }
 
 TEST_F(LinkStress, MalformedRequestsNeitherCrashNorLeak) {
@@ -205,7 +206,7 @@ TEST_F(LinkStress, MalformedRequestsNeitherCrashNorLeak) {
   const auto pick = [&](std::size_t n) { return static_cast<std::size_t>(random() % n); };
   const auto malformed = [&] {
     auto text = whole[pick(whole.size())];
-    for (auto n = 1 + pick(3); n > 0; --n) {
+    for (auto n = 1 + pick(3); n > 0 && !text.empty(); --n) {
       const auto at = pick(text.size());
       switch (pick(6)) {
         case 0:
@@ -231,13 +232,12 @@ TEST_F(LinkStress, MalformedRequestsNeitherCrashNorLeak) {
   };
   const int count = setting("OVERFLY_MALFORMED", 6000);
   long memory_warm = 0;
-  std::size_t descriptors_warm = 0, answered = 0;
+  const std::size_t descriptors_before = descriptors();
+  std::size_t answered = 0;
   for (int i = 0; i < count; ++i) {
-    if (i == count / 3) {
-      memory_warm = memoryKb();
-      descriptors_warm = descriptors();
-    }
-    Raw raw(port_);
+    if (i == count / 3) memory_warm = memoryKb();
+    // What is not a whole request has no answer: the server waits for the rest until its time is up.
+    const Raw raw(port_, 20ms);
     ASSERT_TRUE(raw.isOpen()) << "after " << i << " requests";
     (void)raw.say(malformed());
     raw.finish();
@@ -247,9 +247,12 @@ TEST_F(LinkStress, MalformedRequestsNeitherCrashNorLeak) {
   const long grown_kb = memoryKb() - memory_warm;
   fmt::print("{} malformed requests (seed {}), {} answered: memory {:+d} kB after the first third\n", count,
              kSeed, answered, grown_kb);
-  EXPECT_GT(answered, static_cast<std::size_t>(count) / 2);
+  // Enough of them get past the parser to something that answers.
+  EXPECT_GT(answered, static_cast<std::size_t>(count) / 3);
   EXPECT_LT(grown_kb, 8 * 1024);
-  EXPECT_LE(descriptors(), descriptors_warm + 4);
+  // Those that are waited for are given up in the end.
+  for (int i = 0; i < 300 && descriptors() > descriptors_before + 4; ++i) std::this_thread::sleep_for(100ms);
+  EXPECT_LE(descriptors(), descriptors_before + 4);
 }
 
 }  // namespace

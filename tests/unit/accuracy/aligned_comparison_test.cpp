@@ -43,7 +43,7 @@ struct Fixture {
   }
 
   // Points of the ground without a dome, as a reference sees them whose frame is not the map's.
-  [[nodiscard]] std::vector<ReferencePoint> points(const Similarity& map_from_reference) const {
+  [[nodiscard]] std::vector<ReferencePoint> points(const geo::Similarity& map_from_reference) const {
     std::mt19937 random(5);
     std::uniform_real_distribution<double> place(-kHalf_m, kHalf_m);
     std::vector<ReferencePoint> out;
@@ -61,8 +61,8 @@ struct Fixture {
   }
 };
 
-Similarity someSimilarity() {
-  Similarity s;
+geo::Similarity someSimilarity() {
+  geo::Similarity s;
   s.scale = 1.003;
   s.turn = Eigen::AngleAxisd(geo::radians(0.4), Eigen::Vector3d(1, -2, 0.5).normalized()).toRotationMatrix();
   s.shift = {0.4, -0.3, 3};
@@ -71,7 +71,7 @@ Similarity someSimilarity() {
 
 TEST(AlignedComparison, ASimilarityIsTakenAway) {
   const Fixture map;
-  const Similarity truth = someSimilarity();
+  const geo::Similarity truth = someSimilarity();
   const AlignedComparison c = map.compare(map.points(truth));
   EXPECT_EQ(c.fitted_points, 300u);
   EXPECT_EQ(c.all.points, 300u);
@@ -96,10 +96,10 @@ TEST(AlignedComparison, ADomeStaysAndIsStated) {
 }
 
 TEST(AlignedComparison, UmeyamaFindsTheSimilarityOfPairs) {
-  const Similarity truth = someSimilarity();
+  const geo::Similarity truth = someSimilarity();
   std::vector<Eigen::Vector3d> from{{0, 0, 0}, {50, 3, 1}, {-20, 40, 5}, {7, -30, 60}}, to;
   for (const auto& p : from) to.push_back(truth(p));
-  const Similarity s = similarityBetween(from, to);
+  const geo::Similarity s = geo::similarityBetween(from, to);
   EXPECT_NEAR(s.scale, truth.scale, 1e-9);
   EXPECT_LT((s.turn - truth.turn).norm(), 1e-9);
   EXPECT_LT((s.shift - truth.shift).norm(), 1e-6);

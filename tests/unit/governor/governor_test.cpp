@@ -10,6 +10,7 @@
 #include <functional>
 #include <vector>
 
+#include "daemon/tradeoff/sweep_trials.h"
 #include "tiling/mapping/mapper_settings.h"
 
 namespace overfly::daemon {
@@ -226,6 +227,29 @@ TEST(OperatingPoint, TakesTheCheaperOfItselfAndTheSettings) {
   EXPECT_EQ(applied.finest_level, 1);
   EXPECT_EQ(applied.max_planes, 77);
   EXPECT_FALSE(applied.two_surfaces);
+}
+
+// What the settings say is the last point whatever it was measured to give; dearer ones go.
+TEST(OperatingTable, EndsWithWhatTheSettingsSay) {
+  OperatingPoint as_set = pointOf(0.5, 0.40);
+  as_set.as_set = true;
+  const OperatingTable table = OperatingTable::make({pointOf(0.9, 0.1), as_set, pointOf(0.3, 0.38),
+                                                     pointOf(0.1, 0.8), pointOf(0.2, 0.9)})
+                                   .value();
+  ASSERT_EQ(table.size(), 3u);
+  EXPECT_EQ(table[0].relative_time, 0.1);
+  EXPECT_EQ(table[1].relative_time, 0.3);
+  EXPECT_TRUE(table[2].as_set);
+  const OperatingTable again = OperatingTable::parse(table.json()).value();
+  EXPECT_TRUE(again[2].as_set);
+}
+
+TEST(SweepTrials, SeveralFlightsMakeOneTable) {
+  const auto one = tradeoff::combined({{pointOf(0.1, 1.0, 0.9)}, {pointOf(0.4, 3.0, 0.7)}});
+  ASSERT_EQ(one.size(), 1u);
+  EXPECT_NEAR(one[0].relative_time, 0.2, 1e-12);
+  EXPECT_NEAR(one[0].nmad_gsd, 2.0, 1e-12);
+  EXPECT_NEAR(one[0].complete, 0.8, 1e-12);
 }
 
 // The table that the program brings along ends with what maps are made with by default.
