@@ -25,6 +25,7 @@ namespace {
 
 constexpr int kSurfaceMargin = 96;  // sweep texels around a cell in which occluders are looked for
 constexpr int kThumbnailLevel = 3;
+constexpr double kFinerThanFrames = 0.9;  // texels of the sweep are not smaller, in GSD of the frames
 
 class Stopwatch {
  public:
@@ -44,8 +45,22 @@ struct SweptCell {
   std::vector<std::uint64_t> views;  // in the order of their choice
   std::vector<capture::Pose> poses;  // at that time
   SweepOptions options;
+  int coarser = 0;  // see coarserThanCell()
   std::uint64_t last_use = 0;
 };
+
+// How many times half the cell's resolution is as much as its frames have: a map's place is settled by its
+// first frames, and others may be flown higher.
+int coarserThanCell(std::span<const SelectedView> views, double cell_texel_m, double working_scale) {
+  std::vector<double> gsd_m;
+  for (const SelectedView& view : views) gsd_m.push_back(view.gsd_m);
+  if (gsd_m.empty()) return 0;
+  const auto middle = gsd_m.begin() + static_cast<std::ptrdiff_t>(gsd_m.size() / 2);
+  std::nth_element(gsd_m.begin(), middle, gsd_m.end());
+  int coarser = 0;
+  while (cell_texel_m * (1 << coarser) < kFinerThanFrames * *middle / working_scale) ++coarser;
+  return coarser;
+}
 
 bool samePose(const capture::Pose& a, const capture::Pose& b) {
   return a.position_in_ecef == b.position_in_ecef &&
@@ -182,7 +197,8 @@ void Mapper::setGround(const MapGround& ground) {
   impl_->ground = ground;
   impl_->index = std::make_unique<FrameIndex>(ground.lattice);
   impl_->scale = 0;
-  while (ground.texel_m * (1 << impl_->scale) < 0.9 * ground.gsd_m / impl_->options.working_scale)
+  while (ground.texel_m * (1 << impl_->scale) <
+         kFinerThanFrames * ground.gsd_m / impl_->options.working_scale)
     ++impl_->scale;
 }
 
@@ -322,10 +338,14 @@ Result<SweptCell*> Mapper::Impl::swept(const geo::TileKey& cell, bool* changed) 
     ids.push_back(view.id);
     poses.push_back(index->find(view.id)->pose);
   }
+  const int coarser = coarserThanCell(selected, ground.texel_m * (1 << scale), options.working_scale);
+  SweepOptions sweep = options.sweep;
+  sweep.finest_level += coarser;
+  sweep.levels += coarser;
   SweptCell& entry = cells[cell];
   forgotten.erase(cell);
   entry.last_use = ++clock;
-  const bool same = !entry.field.height.empty() && entry.views == ids && entry.options == options.sweep &&
+  const bool same = !entry.field.height.empty() && entry.views == ids && entry.options == sweep &&
                     std::equal(poses.begin(), poses.end(), entry.poses.begin(), entry.poses.end(), samePose);
   if (changed != nullptr) *changed = !same;
   if (same) return &entry;
@@ -343,14 +363,15 @@ Result<SweptCell*> Mapper::Impl::swept(const geo::TileKey& cell, bool* changed) 
   const SweepGrid grid{&frame,          options.tile_size,   16,
                        ground.height_m, ground.min_height_m, ground.max_height_m};
   const Stopwatch watch(statistics.sweep_s);
-  auto field = sweeper->run(grid, views, options.sweep);
+  auto field = sweeper->run(grid, views, sweep);
   if (!field) return tl::unexpected(field.error());
   statistics.samples += field->samples;
   ++statistics.cells_swept;
   entry.field = std::move(*field);
   entry.views = std::move(ids);
   entry.poses = std::move(poses);
-  entry.options = options.sweep;
+  entry.options = sweep;
+  entry.coarser = coarser;
   return &entry;
 }
 
@@ -488,6 +509,13 @@ Result<std::vector<Tile>> Mapper::finishCell(const geo::TileKey& cell, Around ne
   std::set<std::uint64_t> frame_set;
   const std::vector<geo::TileKey> around = neighboursOf(cell);
   double step_m = 0;
+  int coarser = 0;
+  const auto take = [&](std::size_t i, const SweptCell& swept) {
+    fields[i] = &swept.field;
+    frame_set.insert(swept.views.begin(), swept.views.end());
+    step_m = std::max(step_m, swept.field.plane_step_m);
+    if (around[i] == cell) coarser = swept.coarser;
+  };
   for (std::size_t i = 0; i < around.size(); ++i) {
     if (neighbours == Around::AsSwept) {
       const auto known = impl_->cells.find(around[i]);
@@ -495,23 +523,20 @@ Result<std::vector<Tile>> Mapper::finishCell(const geo::TileKey& cell, Around ne
       if (around[i] != cell && known == impl_->cells.end() && !impl_->forgotten.contains(around[i])) continue;
       if (known != impl_->cells.end() && !known->second.field.height.empty()) {
         known->second.last_use = ++impl_->clock;
-        fields[i] = &known->second.field;
-        frame_set.insert(known->second.views.begin(), known->second.views.end());
-        step_m = std::max(step_m, known->second.field.plane_step_m);
+        take(i, known->second);
         continue;
       }
     }
     auto entry = impl_->swept(around[i], nullptr);
     if (!entry) return tl::unexpected(entry.error());
-    fields[i] = &(*entry)->field;
-    frame_set.insert((*entry)->views.begin(), (*entry)->views.end());
-    step_m = std::max(step_m, (*entry)->field.plane_step_m);
+    take(i, **entry);
   }
   HeightMosaic mosaic;
   {
     const Stopwatch watch(impl_->statistics.blend_s);
     mosaic = assembleHeights(fields, kSurfaceMargin, 2.0 * step_m);
-    fillHoles(mosaic.height, mosaic.filled, mosaic.side(), impl_->options.hole_texels, 3.0 * step_m);
+    fillHoles(mosaic.height, mosaic.filled, mosaic.side(), impl_->options.hole_texels << (2 * coarser),
+              3.0 * step_m);
   }
   auto tiles = impl_->colour(cell, std::move(mosaic), std::move(frame_set));
   impl_->forgetOldCells();

@@ -29,7 +29,8 @@ struct MapperOptions {
   RecencyOptions recency;      // which frames count where there are more than enough
   // Share of the frames' resolution that is matched: the sweep's texel is 2^k times the map's, the finest
   // that is not finer than 0.9 GSD / working_scale. At 1, heights below the images' resolution only cost
-  // time.
+  // time. Where the frames of a cell are coarser than the first ones, which settled the cells, it is swept
+  // that much coarser.
   double working_scale = 1;
   Fallback fallback = Fallback::ImageCentre;  // where a texel has no height
   int hole_texels = 400;  // largest hole (sweep texels) that is filled from its neighbours

@@ -126,6 +126,19 @@ HeightBounds upsampleBounds(std::span<const float> height, int texels, int apron
   return bounds;
 }
 
+std::vector<float> ceilingOf(std::span<const float> height, int side) {
+  const cv::Mat source(side, side, CV_32F, const_cast<float*>(height.data()));
+  cv::Mat highest;
+  cv::dilate(source, highest, cv::Mat::ones(2 * kCeilingBlock, 2 * kCeilingBlock, CV_8U),
+             {kCeilingBlock / 2, kCeilingBlock / 2});
+  const int blocks = (side + kCeilingBlock - 1) / kCeilingBlock;
+  std::vector<float> ceiling;
+  for (int y = 0; y < blocks; ++y)
+    for (int x = 0; x < blocks; ++x)
+      ceiling.push_back(highest.at<float>(y * kCeilingBlock, x * kCeilingBlock));
+  return ceiling;
+}
+
 void removeIslands(std::span<float> height, int side, double max_step_m, int min_texels) {
   if (min_texels <= 1) return;
   std::vector<std::int32_t> label(height.size(), 0);

@@ -25,6 +25,11 @@ struct HeightBounds {
 };
 [[nodiscard]] HeightBounds upsampleBounds(std::span<const float> height, int texels, int apron);
 
+// The highest in every block of kCeilingBlock squared heights and half a block around it: ceil(side / block)
+// squared values. hidden.glsl leaves out stretches of a ray that pass above them.
+inline constexpr int kCeilingBlock = 8;
+[[nodiscard]] std::vector<float> ceilingOf(std::span<const float> height, int side);
+
 // Sets to NaN every 4-connected island of fewer than `min_texels` texels whose heights connect within
 // `max_step_m` from texel to texel (spikes and dents, 5.5.1).
 void removeIslands(std::span<float> height, int side, double max_step_m, int min_texels);

@@ -13,6 +13,7 @@
 #include "render/gl/program.h"
 #include "sweep_shaders.h"
 #include "tiling/sweep/detail/view_geometry.h"
+#include "tiling/sweep/height_filter.h"
 
 namespace overfly::tiling {
 namespace {
@@ -24,19 +25,25 @@ struct Targets {
   gl::Framebuffer into;
 };
 
+struct SurfaceMaps {
+  gl::Texture height, provisional, ceiling;
+};
+
 }  // namespace
 
 struct Orthographer::Impl {
   gl::Context* context = nullptr;
-  std::map<int, gl::Program> programs;                          // by number of views
-  std::map<int, Targets> targets;                               // by size
-  std::map<int, std::pair<gl::Texture, gl::Texture>> surfaces;  // by side: heights, provisional
+  std::map<int, gl::Program> programs;  // by number of views
+  std::map<int, Targets> targets;       // by size
+  std::map<int, SurfaceMaps> surfaces;  // by side
 
   Result<gl::Program*> programFor(int views) {
     if (const auto found = programs.find(views); found != programs.end()) return &found->second;
     const std::array files{gl::ShaderFile{"texel_rays.glsl", shaders::sweep::texel_rays_glsl},
+                           gl::ShaderFile{"hidden.glsl", shaders::sweep::hidden_glsl},
                            gl::ShaderFile{"orthophoto.frag", shaders::sweep::orthophoto_frag}};
-    const std::array defines{gl::Define{"VIEWS", std::to_string(views)}, gl::Define{"BLEND_FROM", "0.80"}};
+    const std::array defines{gl::Define{"VIEWS", std::to_string(views)}, gl::Define{"BLEND_FROM", "0.80"},
+                             gl::Define{"STRETCH", std::to_string(kCeilingBlock) + ".0"}};
     auto program = gl::Program::fullScreen(*context, files, defines);
     if (!program) return tl::unexpected(program.error());
     return &programs.emplace(views, std::move(*program)).first->second;
@@ -67,14 +74,18 @@ struct Orthographer::Impl {
     return &made;
   }
 
-  Result<std::pair<gl::Texture, gl::Texture>*> surfaceOf(int side) {
+  Result<SurfaceMaps*> surfaceOf(int side) {
     if (const auto found = surfaces.find(side); found != surfaces.end()) return &found->second;
     // 32-bit float textures are not filterable everywhere: the shader reads the nearest height.
     auto height = texture(gl::Format::R32F, side, gl::Filter::Nearest);
     if (!height) return tl::unexpected(height.error());
     auto provisional = texture(gl::Format::R8, side, gl::Filter::Nearest);
     if (!provisional) return tl::unexpected(provisional.error());
-    return &surfaces.emplace(side, std::pair(std::move(*height), std::move(*provisional))).first->second;
+    auto ceiling = texture(gl::Format::R32F, (side + kCeilingBlock - 1) / kCeilingBlock, gl::Filter::Nearest);
+    if (!ceiling) return tl::unexpected(ceiling.error());
+    return &surfaces
+                .emplace(side, SurfaceMaps{std::move(*height), std::move(*provisional), std::move(*ceiling)})
+                .first->second;
   }
 };
 
@@ -114,8 +125,9 @@ Result<Orthophoto> Orthographer::render(const OrthoSurface& surface, std::span<c
   const int side = surface.texels + 2 * surface.apron;
   auto maps = impl_->surfaceOf(side);
   if (!maps) return tl::unexpected(maps.error());
-  (*maps)->first.upload(std::span<const float>(height));
-  (*maps)->second.upload(std::span<const std::uint8_t>(provisional));
+  (*maps)->height.upload(std::span<const float>(height));
+  (*maps)->provisional.upload(std::span<const std::uint8_t>(provisional));
+  (*maps)->ceiling.upload(std::span<const float>(ceilingOf(height, side)));
   auto program = impl_->programFor(static_cast<int>(views.size()));
   if (!program) return tl::unexpected(program.error());
   auto targets = impl_->targetsOf(size);
@@ -124,9 +136,10 @@ Result<Orthophoto> Orthographer::render(const OrthoSurface& surface, std::span<c
   gl::Program& p = **program;
   setRays(p, geometry, rays, size, 0);
   for (std::size_t k = 0; k < views.size(); ++k)
-    p.setTexture("views[" + std::to_string(k) + "]", static_cast<int>(k) + 2, *views[k].color);
-  p.setTexture("surface", 0, (*maps)->first);
-  p.setTexture("provisional", 1, (*maps)->second);
+    p.setTexture("views[" + std::to_string(k) + "]", static_cast<int>(k) + 3, *views[k].color);
+  p.setTexture("surface", 0, (*maps)->height);
+  p.setTexture("provisional", 1, (*maps)->provisional);
+  p.setTexture("ceiling", 2, (*maps)->ceiling);
   const double scale = static_cast<double>(surface.texels) / size / side;
   const double offset = static_cast<double>(surface.apron) / side;
   p.set("surface_from_texel", Eigen::Vector4d(scale, scale, offset, offset).cast<float>().eval());

@@ -59,7 +59,7 @@ struct Orthophoto {
 // Thread-bound to the context's thread. Deterministic.
 class Orthographer {
  public:
-  static constexpr int kMaxViews = 13;  // with the two surface maps, within 16 texture units
+  static constexpr int kMaxViews = 13;  // with the three surface maps, within 16 texture units
   [[nodiscard]] static Result<std::unique_ptr<Orthographer>> create(gl::Context& context);
   ~Orthographer();
   [[nodiscard]] Result<Orthophoto> render(const OrthoSurface& surface, std::span<const OrthoView> views,

@@ -38,7 +38,7 @@ struct SweepOptions {
   double min_score = 0.20;          // below: no data. For Zncc the mean correlation over all pairs of views
   int median_radius = 2;            // texels; 0..2
   double smooth_planes = 1.0;  // edge-preserving smoothing: heights that differ by more planes do not mix
-  int min_segment = 40;        // texels; smaller islands that jump from all around them are removed
+  int min_segment = 40;        // finest texels; smaller islands that jump from all around them are removed
   // A height whose rival, elsewhere in the range, agrees at least this share as well is no data: the texture
   // repeats. Natural ground stays below 0.6. 1 or more: not asked for.
   double max_rival = 0.65;

@@ -303,7 +303,7 @@ Result<HeightField> Sweeper::run(const SweepGrid& grid, std::span<const SweepVie
   }
   for (std::size_t i = 0; i < repeats.size(); ++i)
     if (repeats[i] != 0) field.height[i] = kNaN;
-  removeIslands(field.height, field.side(), 2.5 * field.plane_step_m, options.min_segment);
+  removeIslands(field.height, field.side(), 2.5 * field.plane_step_m, options.min_segment << (2 * finest));
   for (std::size_t i = 0; i < count; ++i)
     field.confidence[i] = std::isnan(field.height[i])
                               ? std::uint8_t{0}

@@ -10,6 +10,7 @@
 
 #include "render/gl/commands.h"
 #include "sweep_shaders.h"
+#include "tiling/sweep/height_filter.h"
 
 namespace overfly::tiling::detail {
 namespace {
@@ -56,8 +57,10 @@ Result<gl::Program*> SweepPasses::windowProgram(std::map<WindowKey, gl::Program>
 
 Result<gl::Program*> SweepPasses::hiddenProgram(int views) {
   if (const auto found = hidden_programs_.find(views); found != hidden_programs_.end()) return &found->second;
-  const std::array files{gl::ShaderFile{"hidden_views.frag", shaders::sweep::hidden_views_frag}};
-  const std::array defines{gl::Define{"VIEWS", std::to_string(views)}, gl::Define{"SKIP_BELOW", kSkipBelow}};
+  const std::array files{gl::ShaderFile{"hidden.glsl", shaders::sweep::hidden_glsl},
+                         gl::ShaderFile{"hidden_views.frag", shaders::sweep::hidden_views_frag}};
+  const std::array defines{gl::Define{"VIEWS", std::to_string(views)}, gl::Define{"SKIP_BELOW", kSkipBelow},
+                           gl::Define{"STRETCH", std::to_string(kCeilingBlock) + ".0"}};
   auto program = gl::Program::fullScreen(*context_, files, defines);
   if (!program) return tl::unexpected(program.error());
   return &hidden_programs_.emplace(views, std::move(*program)).first->second;
@@ -76,6 +79,11 @@ Result<SweepPasses::Targets*> SweepPasses::targetsOf(int side) {
     if (!created) return tl::unexpected(created.error());
     *into = std::move(*created);
   }
+  const int blocks = (side + kCeilingBlock - 1) / kCeilingBlock;
+  auto ceiling = gl::Texture::create(
+      *context_, {.format = gl::Format::R32F, .width = blocks, .height = blocks, .sampling = nearest()});
+  if (!ceiling) return tl::unexpected(ceiling.error());
+  made.ceiling = std::move(*ceiling);
   Targets& kept = targets_.emplace(side, std::move(made)).first->second;
   const auto target = [&](gl::Framebuffer& into,
                           std::initializer_list<const gl::Texture*> textures) -> Result<void> {
@@ -103,12 +111,14 @@ Result<bool> SweepPasses::findHidden(const Pass& pass, Targets& targets, double 
   auto coarse = targetsOf(coarse_side);
   if (!coarse) return tl::unexpected(coarse.error());
   (*coarse)->surface.upload(occluders.height);
+  (*coarse)->ceiling.upload(std::span<const float>(ceilingOf(occluders.height, coarse_side)));
   auto program = hiddenProgram(static_cast<int>(pass.views.size()));
   if (!program) return tl::unexpected(program.error());
   gl::Program& p = **program;
   setGrid(p, *pass.geometry, pass.grid->texels >> pass.level, apron);
   p.setTexture("surface", 0, (*coarse)->surface);
   p.setTexture("base_height", 1, targets.base);
+  p.setTexture("ceiling", 2, (*coarse)->ceiling);
   p.set("height_offset", static_cast<float>(offset_m));
   // A fine texel's centre (x + 0.5) lies at (x + 0.5 - apron) / 2 + apron of the coarse grid.
   const auto scale = static_cast<float>(0.5 / coarse_side);

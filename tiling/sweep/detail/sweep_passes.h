@@ -83,7 +83,7 @@ class SweepPasses {
 
   // The textures of one grid size.
   struct Targets {
-    gl::Texture base, surface, a0, a1, b0, b1, best, hidden;
+    gl::Texture base, surface, ceiling, a0, a1, b0, b1, best, hidden;
     gl::Framebuffer into_a, into_b, into_best, into_hidden;
   };
 

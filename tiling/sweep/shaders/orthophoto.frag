@@ -8,16 +8,12 @@
 #define OVERWRITE 3     // the last
 #define LOWEST_COST 4   // the one that differs least from the others
 uniform sampler2D views[VIEWS];
-uniform sampler2D surface;     // heights above the reference, finer than or as fine as the sweep's grid, with apron
 uniform sampler2D provisional;  // 1 where the surface is only a guess
 uniform vec4 surface_from_texel;  // scale.xy and offset.zw: texture coordinates of a texel's centre
-uniform vec4 surface_from_enu;    // 2x2, columns: texture coordinates per metre east, north
 uniform vec3 camera[VIEWS];       // in tile ENU
 uniform float gain[VIEWS];        // exposure gain of the frame, linear in coded values
 uniform float worth[VIEWS];       // of the frame as a whole: sharpness, exposure; about 1
 uniform float focal[VIEWS];       // pixels
-uniform float highest;            // of the surface
-uniform float march_step;         // metres
 uniform int fallback;
 layout(location = 0) out vec4 color_out;
 layout(location = 1) out vec4 source_out;  // source + 1, views that see the texel, flags (1: provisional), -
@@ -27,25 +23,6 @@ float score[VIEWS];
 vec2 where[VIEWS];
 float seen_by;
 vec3 tint[VIEWS];
-
-// Marches from the point towards the camera until above everything.
-bool isHidden(vec2 at, float z, vec3 point, vec3 eye) {
-  vec3 ray = eye - point;
-  float rise = highest - z;
-  if (rise <= march_step * 0.5 || ray.z <= 0.0) return false;
-  vec2 run = ray.xy / ray.z;  // metres sideways per metre up
-  float length_up = rise;
-  float sideways = length(run) * length_up;
-  float steps = clamp(ceil(sideways / march_step), 1.0, 48.0);
-  vec2 along = mat2(surface_from_enu.xy, surface_from_enu.zw) * run;
-  for (float i = 1.0; i <= steps; i += 1.0) {
-    float up = length_up * i / steps;
-    if (length(run) * up < 1.5 * march_step) continue;
-    float ground_z = textureLod(surface, at + along * up, 0.0).r;
-    if (ground_z > z + up + 0.35 * march_step + 0.05 * up) return true;
-  }
-  return false;
-}
 
 // How much a view is worth on a guessed surface.
 float rankOnGuess(int k, float edge, vec2 from_centre) {
@@ -83,12 +60,8 @@ void main() {
       } else { \
         vec3 ray = camera[k] - point; \
         float tangent2 = dot(ray.xy, ray.xy) / max(ray.z * ray.z, 1e-6); \
-        float rank = worth[k] * min(1.0, edge * 20.0) / (0.03 + tangent2); \
-        bool hidden = isHidden(at, z, point, camera[k]); \
-        if (!hidden) seen_by += 1.0; \
-        score[k] = hidden ? rank * 1e-3 : rank; \
+        score[k] = worth[k] * min(1.0, edge * 20.0) / (0.03 + tangent2); \
       } \
-      if (score[k] > best) { best = score[k]; source = k; } \
     } \
   }
 #if VIEWS > 0
@@ -133,6 +106,19 @@ void main() {
 #if VIEWS > 13
   LOOK(13)
 #endif
+  // A view that does not see the point still counts where none does.
+  for (int k = 0; k < VIEWS; ++k) {
+    if (score[k] > 0.0 && !guess) {
+      if (isHidden(at, z, point, camera[k], 1.5, 0.35 * march_step, 0.05))
+        score[k] *= 1e-3;
+      else
+        seen_by += 1.0;
+    }
+    if (score[k] > best) {
+      best = score[k];
+      source = k;
+    }
+  }
   if (guess && fallback == LOWEST_COST && source >= 0) {
     float lowest = 1e9;
     for (int i = 0; i < VIEWS; ++i) {
