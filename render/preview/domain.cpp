@@ -8,8 +8,8 @@ namespace overfly::preview {
 Result<Domain> Domain::create(const MapExtent& extent) {
   if (!(extent.max.x() > extent.min.x()) || !(extent.max.y() > extent.min.y()))
     return fail(ErrorCode::BadInput, "the map covers no area yet");
-  if (extent.tile_size < 4 || !std::has_single_bit(static_cast<unsigned>(extent.tile_size)))
-    return fail(ErrorCode::BadInput, "the preview needs tiles of a power of two texels");
+  if (extent.tile_size < 8 || !std::has_single_bit(static_cast<unsigned>(extent.tile_size)))
+    return fail(ErrorCode::BadInput, "the preview needs tiles of a power of two texels, at least 8");
   Domain domain;
   domain.lattice_ = extent.lattice;
   domain.tile_size_ = extent.tile_size;

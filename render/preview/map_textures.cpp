@@ -6,7 +6,7 @@
 
 namespace overfly::preview {
 namespace {
-constexpr int kMaxLevels = 24;      // of tiles; domain.h allows no more
+constexpr int kMaxLevels = 30;      // domain.h allows no more
 constexpr int kTextureSize = 2048;  // what OpenGL ES 3.1 promises
 constexpr gl::Sampling kNearest{gl::Filter::Nearest, gl::Filter::Nearest, false, gl::Wrap::Clamp};
 constexpr gl::Sampling kLinear{gl::Filter::Linear, gl::Filter::Linear, false, gl::Wrap::Clamp};
@@ -19,17 +19,16 @@ std::size_t MapTextures::bytesPerTile(int tile_size) {
 
 Result<std::unique_ptr<MapTextures>> MapTextures::create(gl::Context& context, int tile_size, int slots) {
   const int atlas = std::clamp(kTextureSize / (tile_size + 2), 1, 4);
-  std::unique_ptr<MapTextures> out(new MapTextures(tile_size, atlas));
-  const int layers = std::max(1, (slots + atlas * atlas - 1) / (atlas * atlas));
+  std::unique_ptr<MapTextures> out(new MapTextures(tile_size, atlas, slots));
+  const int layers = (slots + 2 + atlas * atlas - 1) / (atlas * atlas);
   if (layers > context.info().limits.texture_layers)
     return fail(ErrorCode::Unsupported, "this GPU has too few texture layers for the preview's tiles");
-  const auto make = [&](gl::Texture& texture, gl::Format format, int size, int count, int levels,
+  const auto make = [&](gl::Texture& texture, gl::Format format, int size,
                         const gl::Sampling& sampling) -> Result<void> {
     gl::TextureSpec spec;
     spec.format = format;
     spec.width = spec.height = size;
-    spec.layers = count;
-    spec.levels = levels;
+    spec.layers = layers;
     spec.sampling = sampling;
     auto made = gl::Texture::create(context, spec);
     if (!made) return tl::unexpected(made.error());
@@ -37,27 +36,32 @@ Result<std::unique_ptr<MapTextures>> MapTextures::create(gl::Context& context, i
     return {};
   };
   const int rimmed = atlas * (tile_size + 2), plain = atlas * tile_size;
-  for (const Result<void>& made :
-       {make(out->heights_, gl::Format::R32F, rimmed, layers, 1, kNearest),
-        make(out->bounds_, gl::Format::R32F, plain, layers, 1, kNearest),
-        make(out->color_, gl::Format::RGBA8, rimmed, layers, 1, kLinear),
-        make(out->quality_, gl::Format::RG8, plain, layers, 1, kNearest),
-        make(out->top_heights_, gl::Format::R32F, tile_size, 0, gl::kFullChain, kNearest),
-        make(out->top_bounds_, gl::Format::R32F, tile_size, 0, gl::kFullChain, kNearest),
-        make(out->top_color_, gl::Format::RGBA8, tile_size, 0, gl::kFullChain, kLinear),
-        make(out->top_quality_, gl::Format::RG8, tile_size, 0, gl::kFullChain, kNearest)})
+  for (const Result<void>& made : {make(out->heights_, gl::Format::R32F, rimmed, kNearest),
+                                   make(out->bounds_, gl::Format::R32F, plain, kNearest),
+                                   make(out->color_, gl::Format::RGBA8, rimmed, kLinear),
+                                   make(out->quality_, gl::Format::RG8, plain, kNearest)})
     if (!made) return tl::unexpected(made.error());
   return out;
 }
 
-gl::Rect MapTextures::place(int slot, int stride) const {
-  const int in_layer = slot % (atlas_ * atlas_);
+gl::Rect MapTextures::place(int slot, int rim) const {
+  const int in_layer = slot % (atlas_ * atlas_), stride = tile_size_ + 2 * rim;
   return {in_layer % atlas_ * stride, in_layer / atlas_ * stride, stride, stride};
+}
+
+// As levelPlace() of shaders/map.glsl has it.
+gl::Rect MapTextures::topPlace(int mip, int rim) const {
+  gl::Rect rect = place(topSlot(mip), rim);
+  rect.width = rect.height = (tile_size_ >> mip) + 2 * rim;
+  if (mip < 2) return rect;
+  rect.x += tile_size_ / 2 + 2 * rim;
+  rect.y += tile_size_ / 2 - (tile_size_ >> (mip - 1)) + 2 * rim * (mip - 2);
+  return rect;
 }
 
 void MapTextures::uploadTile(int slot, const TileImage& image) {
   const int layer = slot / (atlas_ * atlas_);
-  const gl::Rect rimmed = place(slot, tile_size_ + 2), plain = place(slot, tile_size_);
+  const gl::Rect rimmed = place(slot, 1), plain = place(slot, 0);
   heights_.upload(std::span<const float>(image.heights), rimmed, 0, layer);
   bounds_.upload(std::span<const float>(image.bounds), plain, 0, layer);
   color_.upload(std::span<const std::uint8_t>(image.color), rimmed, 0, layer);
@@ -65,25 +69,29 @@ void MapTextures::uploadTile(int slot, const TileImage& image) {
 }
 
 void MapTextures::uploadBounds(int slot, const BoundsPatch& patch) {
-  gl::Rect rect = place(slot, tile_size_);
-  rect = {rect.x + patch.x, rect.y + patch.y, patch.size, patch.size};
-  bounds_.upload(std::span<const float>(patch.values), rect, 0, slot / (atlas_ * atlas_));
+  const gl::Rect tile = place(slot, 0);
+  bounds_.upload(std::span<const float>(patch.values),
+                 gl::Rect{tile.x + patch.x, tile.y + patch.y, patch.size, patch.size}, 0,
+                 slot / (atlas_ * atlas_));
 }
 
 void MapTextures::uploadTop(const TopImage& top) {
   for (std::size_t i = 0; i < top.levels.size(); ++i) {
     const TileImage& image = top.levels[i];
-    const int mip = static_cast<int>(i);
-    top_heights_.upload(std::span<const float>(image.heights), mip);
-    top_bounds_.upload(std::span<const float>(image.bounds), mip);
-    top_color_.upload(std::span<const std::uint8_t>(image.color), mip);
-    top_quality_.upload(std::span<const std::uint8_t>(image.quality), mip);
+    const int mip = static_cast<int>(i), layer = topSlot(mip) / (atlas_ * atlas_);
+    const gl::Rect rimmed = topPlace(mip, 1), plain = topPlace(mip, 0);
+    heights_.upload(std::span<const float>(image.heights), rimmed, 0, layer);
+    bounds_.upload(std::span<const float>(image.bounds), plain, 0, layer);
+    color_.upload(std::span<const std::uint8_t>(image.color), rimmed, 0, layer);
+    quality_.upload(std::span<const std::uint8_t>(image.quality), plain, 0, layer);
   }
 }
 
 void MapTextures::uploadTopBounds(int mip, const BoundsPatch& patch) {
-  top_bounds_.upload(std::span<const float>(patch.values), gl::Rect{patch.x, patch.y, patch.size, patch.size},
-                     mip);
+  const gl::Rect level = topPlace(mip, 0);
+  bounds_.upload(std::span<const float>(patch.values),
+                 gl::Rect{level.x + patch.x, level.y + patch.y, patch.size, patch.size}, 0,
+                 topSlot(mip) / (atlas_ * atlas_));
 }
 
 Result<void> MapTextures::uploadTable(gl::Context& context, const ClipCache& cache) {
@@ -92,12 +100,12 @@ Result<void> MapTextures::uploadTable(gl::Context& context, const ClipCache& cac
   last_level_ = domain.lastLevel();
   int stride = 2;
   for (int l = 0; l < top_level_; ++l) stride = std::max(stride, cache.layout().active(l).width);
-  if (table_.empty() || table_.width() < stride || table_.height() < stride * top_level_) {
+  if (table_.empty() || table_.width() < stride || table_.height() < stride * (last_level_ + 1)) {
     table_stride_ = std::max(stride, table_.empty() ? 0 : table_.width());
     gl::TextureSpec spec;
     spec.format = gl::Format::RG32UI;
     spec.width = table_stride_;
-    spec.height = table_stride_ * std::max(top_level_, 1);
+    spec.height = table_stride_ * (last_level_ + 1);
     spec.sampling = kNearest;
     auto made = gl::Texture::create(context, spec);
     if (!made) return tl::unexpected(made.error());
@@ -120,6 +128,11 @@ Result<void> MapTextures::uploadTable(gl::Context& context, const ClipCache& cac
       }
     }
   }
+  for (int l = top_level_; l <= last_level_; ++l) {
+    windows_[static_cast<std::size_t>(l)] = Eigen::Vector4f(0, 0, 1, 1);
+    texels[2 * static_cast<std::size_t>(l * table_stride_ * table_.width())] =
+        static_cast<std::uint32_t>(topSlot(l - top_level_) + 1);
+  }
   table_.upload(std::span<const std::uint32_t>(texels));
   return {};
 }
@@ -129,11 +142,7 @@ void MapTextures::bind(gl::Program& program) const {
   program.setTexture("bound_tiles", 1, bounds_);
   program.setTexture("color_tiles", 2, color_);
   program.setTexture("quality_tiles", 3, quality_);
-  program.setTexture("top_heights", 4, top_heights_);
-  program.setTexture("top_bounds", 5, top_bounds_);
-  program.setTexture("top_color", 6, top_color_);
-  program.setTexture("top_quality", 7, top_quality_);
-  program.setTexture("slots", 8, table_);
+  program.setTexture("slots", 4, table_);
   program.set("top_level", top_level_);
   program.set("last_level", last_level_);
   program.set("table_stride", table_stride_);
@@ -147,8 +156,7 @@ std::vector<gl::Define> MapTextures::defines() const {
 }
 
 std::size_t MapTextures::bytes() const {
-  return heights_.bytes() + bounds_.bytes() + color_.bytes() + quality_.bytes() + top_heights_.bytes() +
-         top_bounds_.bytes() + top_color_.bytes() + top_quality_.bytes() + table_.bytes();
+  return heights_.bytes() + bounds_.bytes() + color_.bytes() + quality_.bytes() + table_.bytes();
 }
 
 }  // namespace overfly::preview

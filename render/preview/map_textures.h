@@ -10,9 +10,10 @@
 
 namespace overfly::preview {
 
-// The clip cache's tiles in GPU memory: one texture array per layer, atlas() x atlas() tiles on each of the
-// array's layers (256 layers is all that OpenGL ES 3.1 promises), the top with its mip levels apart, and the
-// table by which shaders find a tile. Thread-bound to its context.
+// The clip cache's tiles in GPU memory: one texture array per layer, several tiles across on each of the
+// array's layers (256 layers is all that OpenGL ES 3.1 promises), the top in a slot and its mip levels in one
+// more, so that shaders read every level in the same way, and the table by which they find a tile.
+// Thread-bound to its context.
 class MapTextures : public TextureSink {
  public:
   // Unavailable: no memory for so many tiles (`slots`, of `tile_size` texels).
@@ -28,7 +29,7 @@ class MapTextures : public TextureSink {
 
   // Binds everything to units 0 .. kUnits-1 and sets the uniforms of shaders/map.glsl but origin_cell.
   void bind(gl::Program& program) const;
-  static constexpr int kUnits = 9;
+  static constexpr int kUnits = 5;
   // The defines of shaders/map.glsl.
   [[nodiscard]] std::vector<gl::Define> defines() const;
   [[nodiscard]] std::size_t bytes() const;
@@ -36,12 +37,15 @@ class MapTextures : public TextureSink {
   [[nodiscard]] static std::size_t bytesPerTile(int tile_size);
 
  private:
-  MapTextures(int tile_size, int atlas) : tile_size_(tile_size), atlas_(atlas) {}
-  [[nodiscard]] gl::Rect place(int slot, int stride) const;
+  MapTextures(int tile_size, int atlas, int slots) : tile_size_(tile_size), atlas_(atlas), top_slot_(slots) {}
+  // Where a tile lies on its layer; where one of the top's levels does, the top itself being mip 0.
+  [[nodiscard]] gl::Rect place(int slot, int rim) const;
+  [[nodiscard]] gl::Rect topPlace(int mip, int rim) const;
+  [[nodiscard]] int topSlot(int mip) const { return top_slot_ + (mip > 0 ? 1 : 0); }
 
   int tile_size_, atlas_;
+  int top_slot_;  // after all tiles'
   gl::Texture heights_, bounds_, color_, quality_;
-  gl::Texture top_heights_, top_bounds_, top_color_, top_quality_;
   gl::Texture table_;
   int table_stride_ = 0, top_level_ = 0, last_level_ = 0;
   std::vector<Eigen::Vector4f> windows_;

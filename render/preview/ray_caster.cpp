@@ -5,6 +5,7 @@
 #include <array>
 #include <bit>
 #include <cmath>
+#include <utility>
 
 #include "preview_shaders.h"
 #include "render/gl/commands.h"
@@ -26,16 +27,50 @@ constexpr ShaderFile kRays{"rays.frag", text::rays_frag};
 RayHit hitFrom(std::span<const std::uint32_t> where, std::span<const std::uint32_t> how,
                const RayFrame& frame) {
   RayHit hit;
-  hit.found = how[0] != 0;
-  hit.steps = static_cast<int>(how[1]);
-  hit.level = static_cast<int>(how[2]);
-  hit.gave_up = how[3] != 0;
+  hit.found = (how[3] & 1U) != 0;
+  hit.gave_up = (how[3] & 2U) != 0;
+  hit.level = static_cast<int>(how[3] >> 2);
+  hit.steps = static_cast<int>(how[2]);
   if (!hit.found) return hit;
-  const auto value = [&](std::size_t i) { return static_cast<double>(std::bit_cast<float>(where[i])); };
-  hit.texel = Eigen::Vector2d(value(0), value(1)) + frame.cell.cast<double>();
-  hit.height_m = value(2) + frame.base_height_m;
-  hit.t = value(3);
+  const auto value = [](std::uint32_t bits) { return static_cast<double>(std::bit_cast<float>(bits)); };
+  hit.texel = {static_cast<std::int32_t>(where[0]) + value(where[2]),
+               static_cast<std::int32_t>(where[1]) + value(where[3])};
+  hit.height_m = value(how[0]) + frame.base_height_m;
+  hit.t = value(how[1]);
   return hit;
+}
+
+// A float and what it cut off.
+std::pair<float, float> twoFloats(double x) {
+  const auto head = static_cast<float>(x);
+  return {head, static_cast<float>(x - static_cast<double>(head))};
+}
+
+// As shaders/rays.frag reads them, 16 words a ray; the last ray is repeated up to `count`.
+std::vector<std::uint32_t> packed(std::span<const SingleRay> rays, const RayFrame& frame, std::size_t count) {
+  std::vector<std::uint32_t> out;
+  out.reserve(16 * count);
+  const auto bits = [](float x) { return std::bit_cast<std::uint32_t>(x); };
+  for (std::size_t i = 0; i < count; ++i) {
+    const SingleRay& ray = rays[std::min(i, rays.size() - 1)];
+    const Eigen::Vector3d start = frame.start + ray.start, along = frame.per_metre * ray.direction;
+    std::array<std::uint32_t, 16> words{};
+    for (std::size_t k = 0; k < 2; ++k) {
+      const double whole = std::floor(start[static_cast<Eigen::Index>(k)]);
+      words[k] =
+          static_cast<std::uint32_t>(frame.cell[static_cast<Eigen::Index>(k)] + static_cast<int>(whole));
+      words[2 + k] = bits(static_cast<float>(start[static_cast<Eigen::Index>(k)] - whole));
+    }
+    for (std::size_t k = 0; k < 4; ++k) {
+      const auto [head, rest] = twoFloats(k < 3 ? along[static_cast<Eigen::Index>(k)] : start.z());
+      words[4 + k] = bits(head);
+      words[8 + k] = bits(rest);
+      if (k < 3) words[12 + k] = bits(static_cast<float>(ray.direction.dot(frame.bend[k] * ray.direction)));
+    }
+    words[15] = bits(static_cast<float>(ray.levels_per_metre));
+    out.insert(out.end(), words.begin(), words.end());
+  }
+  return out;
 }
 
 }  // namespace
@@ -97,21 +132,16 @@ Result<RayCaster::Targets*> RayCaster::targets(int width, int height, bool color
   return &kept;
 }
 
-void RayCaster::setFrame(gl::Program& program, const RayFrame& frame, const ClipCache& cache,
-                         double length_m) {
+void RayCaster::setFrame(gl::Program& program, const RayFrame& frame, const ClipCache& cache, double length_m,
+                         const Chords& chords) {
   program.set("origin_cell", frame.cell);
   program.set("lowest", static_cast<float>(cache.lowest() - frame.base_height_m - kWallFoot));
   program.set("highest", static_cast<float>(cache.highest() - frame.base_height_m + 0.01));
-  program.set("chord_metres", static_cast<float>(kChordMetres));
-  program.set("chord_growth", static_cast<float>(kChordGrowth));
+  program.set("chord_metres", static_cast<float>(chords.metres));
+  program.set("chord_growth", static_cast<float>(chords.growth));
   // No ray looks at more cells than all that lie along both sides of the finest level, each level's once on
   // the way down and once up, and the chords.
   program.set("max_steps", 8 * cache.domain().texelsAcross(0) + 4096);
-  program.set("per_metre", Eigen::Matrix3f(frame.per_metre.cast<float>()));
-  program.set("bend_x", Eigen::Matrix3f(frame.bend[0].cast<float>()));
-  program.set("bend_y", Eigen::Matrix3f(frame.bend[1].cast<float>()));
-  program.set("bend_z", Eigen::Matrix3f(frame.bend[2].cast<float>()));
-  program.set("start", Eigen::Vector3f(frame.start.cast<float>()));
   program.set("max_distance", static_cast<float>(length_m));
 }
 
@@ -133,7 +163,14 @@ Result<RayCaster::Targets*> RayCaster::render(const View& view, const RayFrame& 
   auto target = targets(view.width, view.height, true, hits);
   if (!target) return tl::unexpected(target.error());
   textures.bind(p);
-  setFrame(p, frame, cache, 2e6);
+  setFrame(p, frame, cache, 2e6, look.level_of_detail ? kPictureChords : kExactChords);
+  p.set("per_metre", Eigen::Matrix3f(frame.per_metre.cast<float>()));
+  p.set("bend_x", Eigen::Matrix3f(frame.bend[0].cast<float>()));
+  p.set("bend_y", Eigen::Matrix3f(frame.bend[1].cast<float>()));
+  p.set("bend_z", Eigen::Matrix3f(frame.bend[2].cast<float>()));
+  p.set("start", Eigen::Vector2f(frame.start.head<2>().cast<float>()));
+  const auto [height, height_rest] = twoFloats(frame.start.z());
+  p.set("start_height", Eigen::Vector2f(height, height_rest));
   p.set("enu_from_camera", Eigen::Matrix3f(view.enuFromCamera().cast<float>()));
   p.set("camera", Eigen::Vector3f(static_cast<float>(view.focal()), 0.5F * static_cast<float>(view.width),
                                   0.5F * static_cast<float>(view.height)));
@@ -184,11 +221,11 @@ Result<Picture> RayCaster::draw(const View& view, const RayFrame& frame, const L
   return picture;
 }
 
-Result<std::vector<RayHit>> RayCaster::cast(std::span<const TestRay> rays, const RayFrame& frame,
+Result<std::vector<RayHit>> RayCaster::cast(std::span<const SingleRay> rays, const RayFrame& frame,
                                             Surface surface, double length_m, const ClipCache& cache,
                                             const MapTextures& textures) {
   if (rays.empty()) return std::vector<RayHit>{};
-  constexpr int kWidth = 1024;
+  constexpr int kWidth = 512;  // of four texels each: 2048 is what OpenGL ES 3.1 promises
   const int height = static_cast<int>((rays.size() + kWidth - 1) / kWidth);
   std::vector<gl::Define> defines = textures.defines();
   defines.push_back({"SURFACE", std::to_string(static_cast<int>(surface))});
@@ -197,34 +234,19 @@ Result<std::vector<RayHit>> RayCaster::cast(std::span<const TestRay> rays, const
   if (!made) return tl::unexpected(made.error());
   gl::Program& p = **made;
   const std::size_t texels = static_cast<std::size_t>(kWidth) * static_cast<std::size_t>(height);
-  std::vector<float> starts(4 * texels), directions(4 * texels);
-  for (std::size_t i = 0; i < texels; ++i) {
-    const TestRay& ray = rays[std::min(i, rays.size() - 1)];
-    for (std::size_t k = 0; k < 3; ++k) {
-      starts[4 * i + k] = ray.start[static_cast<Eigen::Index>(k)];
-      directions[4 * i + k] = ray.direction[static_cast<Eigen::Index>(k)];
-    }
-    directions[4 * i + 3] = ray.levels_per_metre;
-  }
-  std::array<gl::Texture, 2> inputs;
-  for (gl::Texture& input : inputs) {
-    gl::TextureSpec spec;
-    spec.format = gl::Format::RGBA32F;
-    spec.width = kWidth;
-    spec.height = height;
-    spec.sampling = {gl::Filter::Nearest, gl::Filter::Nearest, false, gl::Wrap::Clamp};
-    auto texture = gl::Texture::create(*context_, spec);
-    if (!texture) return tl::unexpected(texture.error());
-    input = std::move(*texture);
-  }
-  inputs[0].upload(std::span<const float>(starts));
-  inputs[1].upload(std::span<const float>(directions));
+  gl::TextureSpec spec;
+  spec.format = gl::Format::RGBA32UI;
+  spec.width = 4 * kWidth;
+  spec.height = height;
+  spec.sampling = {gl::Filter::Nearest, gl::Filter::Nearest, false, gl::Wrap::Clamp};
+  auto input = gl::Texture::create(*context_, spec);
+  if (!input) return tl::unexpected(input.error());
+  input->upload(std::span<const std::uint32_t>(packed(rays, frame, texels)));
   auto target = targets(kWidth, height, false, true);
   if (!target) return tl::unexpected(target.error());
   textures.bind(p);
-  setFrame(p, frame, cache, length_m);
-  p.setTexture("ray_starts", MapTextures::kUnits, inputs[0]);
-  p.setTexture("ray_directions", MapTextures::kUnits + 1, inputs[1]);
+  setFrame(p, frame, cache, length_m, kExactChords);
+  p.setTexture("rays", MapTextures::kUnits, *input);
   gl::drawFullScreen(p, (*target)->framebuffer);
   std::vector<std::uint32_t> where(4 * texels), how(4 * texels);
   if (auto read = (*target)->where.download(std::span<std::uint32_t>(where)); !read)

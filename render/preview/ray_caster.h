@@ -32,10 +32,10 @@ struct Picture {
   std::vector<RayHit> hits;        // of every pixel, when asked for
 };
 
-struct TestRay {
-  Eigen::Vector3f start;      // map coordinates relative to the frame's start
-  Eigen::Vector3f direction;  // East-North-Up, unit length
-  float levels_per_metre = 0;
+struct SingleRay {
+  Eigen::Vector3d start{0, 0, 0};  // from the frame's start: texels, texels, metres
+  Eigen::Vector3d direction;       // East-North-Up, unit length
+  double levels_per_metre = 0;     // 0: the finest level everywhere
 };
 
 // Single-pass ray casting of what the clip cache holds (thesis, chapter 4). Thread-bound to its context.
@@ -49,8 +49,8 @@ class RayCaster {
   // Draws without reading back, for measurements.
   [[nodiscard]] Result<void> drawOnly(const View& view, const RayFrame& frame, const Look& look,
                                       const ClipCache& cache, const MapTextures& textures);
-  // Single rays, up to `length_m` long.
-  [[nodiscard]] Result<std::vector<RayHit>> cast(std::span<const TestRay> rays, const RayFrame& frame,
+  // Single rays, up to `length_m` long, prepared in double: as exact as the frame is.
+  [[nodiscard]] Result<std::vector<RayHit>> cast(std::span<const SingleRay> rays, const RayFrame& frame,
                                                  Surface surface, double length_m, const ClipCache& cache,
                                                  const MapTextures& textures);
   // For comparisons: start every ray at level 0 and never go up, as if there were no pyramid.
@@ -64,7 +64,8 @@ class RayCaster {
   [[nodiscard]] Result<gl::Program*> program(const std::string& fragment,
                                              const std::vector<gl::Define>& defines);
   [[nodiscard]] Result<Targets*> targets(int width, int height, bool color, bool hits);
-  void setFrame(gl::Program& program, const RayFrame& frame, const ClipCache& cache, double length_m);
+  void setFrame(gl::Program& program, const RayFrame& frame, const ClipCache& cache, double length_m,
+                const Chords& chords);
   [[nodiscard]] Result<Targets*> render(const View& view, const RayFrame& frame, const Look& look,
                                         const ClipCache& cache, const MapTextures& textures, bool hits);
 

@@ -53,8 +53,12 @@ std::optional<double> ReferenceCaster::meet(int x, int y, const Eigen::Vector3d&
 std::optional<ReferenceHit> ReferenceCaster::cast(const RayFrame& frame, const Eigen::Vector3d& direction,
                                                   double length_m, const Eigen::Vector3d& offset) const {
   if (!(highest_ >= lowest_)) return std::nullopt;
-  const Eigen::Vector3d shift = offset + Eigen::Vector3d(frame.cell.x(), frame.cell.y(), frame.base_height_m);
-  const auto at = [&](double t) -> Eigen::Vector3d { return frame.at(direction, t) + shift; };
+  // The start first: one that is meant to be on a cell's border stays there.
+  const Eigen::Vector3d start =
+      (frame.start + offset) + Eigen::Vector3d(frame.cell.x(), frame.cell.y(), frame.base_height_m);
+  const auto at = [&](double t) -> Eigen::Vector3d {
+    return start + (frame.at(direction, t) - frame.at(direction, 0));
+  };
   double begin = kInfinity;  // where the ray enters the grid
   for (double ta = 0; ta < length_m; ta += kChord) {
     const double tb = std::min(ta + kChord, length_m);

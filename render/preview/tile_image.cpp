@@ -131,6 +131,20 @@ void fillBounds(const TileBlock& block, double base, NoData no_data, TileImage& 
   }
 }
 
+// The heights of an image without a rim, those beside data filled, with a rim.
+std::vector<float> withRim(const TileImage& image) {
+  HeightGrid grid(image.size, image.size);
+  for (int y = 0; y < image.size; ++y)
+    for (int x = 0; x < image.size; ++x)
+      if (const float h = image.heights[at(x, y, image.size)]; h != kNoHeight) grid.set(x, y, h);
+  grid.fill();
+  std::vector<float> out;
+  for (int y = -1; y <= image.size; ++y)
+    for (int x = -1; x <= image.size; ++x)
+      out.push_back(std::isfinite(grid.at(x, y)) ? grid.at(x, y) : kNoHeight);
+  return out;
+}
+
 }  // namespace
 
 TileImage makeTileImage(const TileBlock& block, double base_height_m, NoData no_data) {
@@ -221,19 +235,26 @@ TopImage makeTopImage(const std::array<SourceTilePtr, 4>& children, int size, do
         image.quality[2 * to + 1] = 255;
       }
     }
-    // A smooth surface reaches into the neighbouring texel: the bound covers the means around, too; and from
+    // A smooth surface reaches into the neighbouring texel: the bound covers what lies around, too; and from
     // here up the maxima hold this level's.
     const std::vector<float> plain = image.bounds;
+    const std::vector<float> rimmed = withRim(image);
     for (int y = 0; y < across; ++y) {
       for (int x = 0; x < across; ++x) {
         if (image.quality[2 * at(x, y, across) + 1] == 0) continue;
         float& bound = image.bounds[at(x, y, across)];
+        for (int j = 0; j <= 2; ++j)
+          for (int i = 0; i <= 2; ++i) bound = std::max(bound, rimmed[at(x + i, y + j, across + 2)]);
         for (int j = std::max(y - 1, 0); j <= std::min(y + 1, across - 1); ++j)
           for (int i = std::max(x - 1, 0); i <= std::min(x + 1, across - 1); ++i)
             bound = std::max(bound, plain[at(i, j, across)]);
       }
     }
     below = image;
+    image.heights = rimmed;
+    image.color.assign(4 * rimmed.size(), 0);
+    for (int y = 0; y < across; ++y)
+      std::copy_n(&below.color[4 * at(0, y, across)], 4 * across, &image.color[4 * at(1, y + 1, across + 2)]);
     top.levels.push_back(std::move(image));
   }
   top.lowest_m = static_cast<double>(lowest) + base_height_m;

@@ -35,8 +35,8 @@ using TileBlock = std::array<SourceTilePtr, 9>;
 [[nodiscard]] TileImage makeTileImage(const TileBlock& block, double base_height_m, NoData no_data);
 
 // Level L-1, the tile that covers the domain, and its mip levels down to one texel, from the two by two tiles
-// of level L-2 (row by row; null: not there). No rims. levels[i] has size >> i texels across; colour and
-// heights are means, bounds maxima.
+// of level L-2 (row by row; null: not there). levels[i] has size >> i texels across; colour and heights are
+// means, bounds maxima. Beyond the domain is no data.
 struct TopImage {
   std::vector<TileImage> levels;
   double lowest_m = 0, highest_m = 0;  // of the bounds and heights, absolute

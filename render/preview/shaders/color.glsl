@@ -4,25 +4,25 @@ uniform float max_anisotropy;
 
 // Bilinear, at the finest level from `level` on that is here.
 vec4 colorAt(vec2 position, int level) {
-  const float size = float(1 << TILE_LOG2);
-  for (; level < top_level; ++level) {
+  const float size = float(TILE);
+  int slot = -1;
+  vec2 texel;  // within the tile
+  for (; level <= last_level; ++level) {
     ivec2 origin = originAt(level);
     ivec2 first = origin >> TILE_LOG2;  // the tile that positions count from
     vec2 from_tile = atLevel(position, level) + vec2(origin - (first << TILE_LOG2));
     vec2 tile = floor(from_tile / size);
-    int slot = slotOf(level, first + ivec2(tile));
-    if (slot < 0) continue;
-    vec2 texel = from_tile - tile * size;
-    ivec3 place = inAtlas(slot, ivec2(0), (1 << TILE_LOG2) + 2);
-    vec2 uv = (vec2(place.xy) + 1.0 + texel) / (float(ATLAS) * (size + 2.0));
-#if FILTER == 0
-    return texelFetch(color_tiles, ivec3(place.xy + 1 + ivec2(texel), place.z), 0);
-#else
-    return textureLod(color_tiles, vec3(uv, float(place.z)), 0.0);
-#endif
+    texel = min(from_tile - tile * size, float(across(level)));
+    slot = slotOf(level, first + ivec2(tile));
+    if (slot >= 0) break;
   }
-  vec2 uv = (atLevel(position, level) + vec2(originAt(level))) / float(across(level));
-  return textureLod(top_color, uv, float(level - top_level));
+  if (slot < 0) return vec4(0.0);  // beyond the domain
+  ivec3 place = inAtlas(level, ivec2(0), slot, 1);
+#if FILTER == 0
+  return texelFetch(color_tiles, ivec3(place.xy + ivec2(texel), place.z), 0);
+#else
+  return textureLod(color_tiles, vec3((vec2(place.xy) + texel) / (float(ATLAS) * (size + 2.0)), float(place.z)), 0.0);
+#endif
 }
 
 #if FILTER >= 2

@@ -1,14 +1,10 @@
-// The map in GPU memory: tiles of levels 0 .. top_level-1 in atlases of ATLAS x ATLAS tiles a layer, found
-// through a table of each level's active area; level top_level and above as one texture with mip levels.
+// The map in GPU memory: tiles of levels 0 .. top_level-1, and in two more slots level top_level and the levels
+// above it, in atlases of ATLAS x ATLAS tiles a layer, found through a table of each level's active area.
 // A cell is a texel of a level, counted from the domain's north-west corner.
 uniform highp sampler2DArray height_tiles;  // with a rim of one texel
 uniform highp sampler2DArray bound_tiles;
 uniform highp sampler2DArray color_tiles;   // with a rim
 uniform highp sampler2DArray quality_tiles;
-uniform highp sampler2D top_heights;
-uniform highp sampler2D top_bounds;
-uniform highp sampler2D top_color;
-uniform highp sampler2D top_quality;
 uniform highp usampler2D slots;  // r: slot + 1, or 0; g: age
 
 uniform int top_level;           // L - 1
@@ -17,6 +13,7 @@ uniform int table_stride;
 uniform vec4 window[MAX_LEVELS];   // active area of each level: first tile, tiles across (whole numbers)
 uniform ivec2 origin_cell;         // the level-0 cell that positions count from
 
+const int TILE = 1 << TILE_LOG2;
 const float NO_HEIGHT = -1e29;  // everything below is none
 
 // 2^e, exactly.
@@ -29,7 +26,7 @@ vec2 originFraction(int level) {
 vec2 atLevel(vec2 position, int level) { return position * power2(-level) + originFraction(level); }
 int across(int level) { return 1 << (last_level - level); }
 
-// -1: this tile is not in GPU memory. level < top_level.
+// -1: this tile is not in GPU memory.
 int slotOf(int level, ivec2 tile) {
   ivec4 w = ivec4(window[level]);
   ivec2 i = tile - w.xy;
@@ -38,24 +35,25 @@ int slotOf(int level, ivec2 tile) {
 }
 int slotOfCell(int level, ivec2 cell) { return slotOf(level, cell >> TILE_LOG2); }
 
-ivec3 inAtlas(int slot, ivec2 texel, int stride) {
-  int in_layer = slot % (ATLAS * ATLAS);
-  return ivec3(ivec2(in_layer % ATLAS, in_layer / ATLAS) * stride + texel, slot / (ATLAS * ATLAS));
+// Where a level begins within its slot, `rim` texels around each level: those above top_level share one, the
+// first at its corner and the others in a column beside it.
+ivec2 levelPlace(int level, int rim) {
+  int k = level - top_level;
+  if (k < 2) return ivec2(0);
+  return ivec2((TILE >> 1) + 2 * rim, (TILE >> 1) - (TILE >> (k - 1)) + 2 * rim * (k - 2));
 }
-ivec2 inTile(ivec2 cell) { return cell & ((1 << TILE_LOG2) - 1); }
+ivec3 inAtlas(int level, ivec2 cell, int slot, int rim) {
+  int in_layer = slot % (ATLAS * ATLAS);
+  return ivec3(ivec2(in_layer % ATLAS, in_layer / ATLAS) * (TILE + 2 * rim) + levelPlace(level, rim) + rim +
+               (cell & (TILE - 1)), slot / (ATLAS * ATLAS));
+}
 
 float boundAt(int level, ivec2 cell, int slot) {
-  if (level >= top_level) return texelFetch(top_bounds, cell, level - top_level).r;
-  return texelFetch(bound_tiles, inAtlas(slot, inTile(cell), 1 << TILE_LOG2), 0).r;
+  return texelFetch(bound_tiles, inAtlas(level, cell, slot, 0), 0).r;
 }
-// Of the cell at `offset` (-1 .. 1) from `cell`.
-float heightAt(int level, ivec2 cell, int slot, ivec2 offset) {
-  if (level < top_level)
-    return texelFetch(height_tiles, inAtlas(slot, inTile(cell) + 1 + offset, (1 << TILE_LOG2) + 2), 0).r;
-  float h = texelFetch(top_heights, clamp(cell + offset, ivec2(0), ivec2(across(level) - 1)), level - top_level).r;
-  return h < NO_HEIGHT ? texelFetch(top_heights, cell, level - top_level).r : h;
-}
+// Texel of height_tiles; its eight neighbours lie around it.
+ivec3 heightPlace(int level, ivec2 cell, int slot) { return inAtlas(level, cell, slot, 1); }
+float heightAt(ivec3 place, ivec2 offset) { return texelFetch(height_tiles, place + ivec3(offset, 0), 0).r; }
 vec2 qualityAt(int level, ivec2 cell, int slot) {
-  if (level >= top_level) return texelFetch(top_quality, cell, level - top_level).rg;
-  return texelFetch(quality_tiles, inAtlas(slot, inTile(cell), 1 << TILE_LOG2), 0).rg;
+  return texelFetch(quality_tiles, inAtlas(level, cell, slot, 0), 0).rg;
 }

@@ -4,7 +4,8 @@ uniform mat3 enu_from_camera;
 uniform vec3 camera;       // focal length and centre, pixels
 uniform mat3 per_metre;    // map coordinates per metre of East-North-Up
 uniform mat3 bend_x, bend_y, bend_z;
-uniform vec3 start;        // the camera
+uniform vec2 start;        // the camera within origin_cell
+uniform vec2 start_height; // a sum
 uniform float lod_per_metre;  // levels of detail: 0 for the finest everywhere
 uniform float max_distance;
 uniform vec3 sky_low, sky_high, nothing;
@@ -21,11 +22,10 @@ void main() {
   vec3 ahead = vec3((gl_FragCoord.xy - camera.yz) / camera.x, 1.0);
   float stretch = length(ahead);
   vec3 direction = enu_from_camera * (ahead / stretch);
-  Ray ray = Ray(start, per_metre * direction, curve(direction));
+  Ray ray = Ray(origin_cell, start, start_height, per_metre * direction, vec3(0.0), curve(direction));
   Hit hit = traverse(ray, max_distance, 0.0, lod_per_metre);
 #ifdef HITS
-  where = hit.found ? uvec4(floatBitsToUint(hit.position), floatBitsToUint(hit.t)) : uvec4(0u);
-  how = uvec4(uint(hit.found), uint(hit.steps), uint(hit.found ? hit.level : 0), uint(hit.steps >= max_steps));
+  reportHit(hit, where, how);
 #endif
   if (!hit.found) {
     float up = clamp(direction.z, 0.0, 1.0);
@@ -51,13 +51,13 @@ void main() {
     px = vec2(power2(hit.level), 0.0);
     py = px.yx;
   }
-  vec4 sampled = filteredColor(hit.position.xy, px, py, lod_per_metre > 0.0 ? floor(finest) - 1.0 : 0.0);
+  vec4 sampled = filteredColor(positionOf(hit), px, py, lod_per_metre > 0.0 ? floor(finest) - 1.0 : 0.0);
   if (sampled.a > 0.02) shown = sampled.rgb / sampled.a;
 #if PROJECTORS > 0
   shown = lateralColor(hit, normal, shown);
 #endif
 #elif MODE == 1
-  shown = ramp((hit.position.z - value_range.x) / max(value_range.y - value_range.x, 1e-3));
+  shown = ramp((hit.fraction.z - value_range.x) / max(value_range.y - value_range.x, 1e-3));
 #elif MODE == 2
   shown = ramp(1.0 - qualityAt(hit.level, hit.cell, hit.slot).r);
 #elif MODE == 3
@@ -74,7 +74,8 @@ void main() {
   bool lit = true;
 #if SHADOWS
   float lift = 0.6 * texel_metres * power2(hit.level) + 1e-4 * hit.t;
-  Ray to_sun = Ray(hit.position + per_metre * (normal * lift), per_metre * sun, curve(sun));
+  vec3 from = hit.fraction + per_metre * (normal * lift);
+  Ray to_sun = Ray(hit.place, from.xy, vec2(from.z, 0.0), per_metre * sun, vec3(0.0), curve(sun));
   lit = !traverse(to_sun, max_distance, finest, 0.0).found;
 #endif
   color = vec4(clamp(shown * lightOn(normal, lit), 0.0, 1.0), 1.0);

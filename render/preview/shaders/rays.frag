@@ -1,20 +1,17 @@
-// A batch of rays, one a texel: for tests and for the position under a pixel's neighbours.
-uniform highp sampler2D ray_starts;      // map coordinates relative to `start`
-uniform highp sampler2D ray_directions;  // East-North-Up, unit length; w: levels of detail per metre
-uniform mat3 per_metre;
-uniform mat3 bend_x, bend_y, bend_z;
-uniform vec3 start;
+// A batch of single rays, each of four texels side by side, all of them bits of floats save for the cell: for
+// tests and for the place under a pixel.
+uniform highp usampler2D rays;
 uniform float max_distance;
 
 layout(location = 0) out uvec4 where;
 layout(location = 1) out uvec4 how;
 
 void main() {
-  ivec2 i = ivec2(gl_FragCoord.xy);
-  vec4 d = texelFetch(ray_directions, i, 0);
-  vec3 bend = vec3(dot(d.xyz, bend_x * d.xyz), dot(d.xyz, bend_y * d.xyz), dot(d.xyz, bend_z * d.xyz));
-  Ray ray = Ray(start + texelFetch(ray_starts, i, 0).xyz, per_metre * d.xyz, bend);
-  Hit hit = traverse(ray, max_distance, 0.0, d.w);
-  where = hit.found ? uvec4(floatBitsToUint(hit.position), floatBitsToUint(hit.t)) : uvec4(0u);
-  how = uvec4(uint(hit.found), uint(hit.steps), uint(hit.found ? hit.level : 0), uint(hit.steps >= max_steps));
+  ivec2 i = ivec2(gl_FragCoord.xy) * ivec2(4, 1);
+  uvec4 begin = texelFetch(rays, i, 0);  // cell, fraction
+  vec4 along = uintBitsToFloat(texelFetch(rays, i + ivec2(1, 0), 0));  // and the height
+  vec4 rest = uintBitsToFloat(texelFetch(rays, i + ivec2(2, 0), 0));   // what float cut off of these four
+  vec4 bend = uintBitsToFloat(texelFetch(rays, i + ivec2(3, 0), 0));   // and the levels per metre
+  Ray ray = Ray(ivec2(begin.xy), uintBitsToFloat(begin.zw), vec2(along.w, rest.w), along.xyz, rest.xyz, bend.xyz);
+  reportHit(traverse(ray, max_distance, 0.0, bend.w), where, how);
 }

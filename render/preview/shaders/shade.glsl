@@ -12,11 +12,10 @@ vec2 slopeAt(Hit hit) {
   return vec2(0.0);
 #else
   float h[9];
-  neighbourhood(hit.level, hit.cell, hit.slot, h);
+  neighbourhood(heightPlace(hit.level, hit.cell, hit.slot), h);
   vec2 slope = smoothSlope(h, hit.local) * power2(-hit.level);
   if (hit.tau > 0.0) {
-    ivec2 parent = hit.cell >> 1;
-    neighbourhood(hit.level + 1, parent, parentSlot(hit.level, parent), h);
+    neighbourhood(parentPlace(hit.level, hit.cell), h);
     vec2 coarse = smoothSlope(h, 0.5 * (vec2(hit.cell & 1) + hit.local)) * power2(-hit.level - 1);
     slope = mix(slope, coarse, hit.tau);
   }

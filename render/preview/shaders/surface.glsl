@@ -3,11 +3,14 @@
 // southwards; h[4] is the cell.
 
 // A tile in GPU memory always has its parent there, too.
-int parentSlot(int level, ivec2 parent) { return level + 1 < top_level ? slotOfCell(level + 1, parent) : 0; }
+ivec3 parentPlace(int level, ivec2 cell) {
+  ivec2 parent = cell >> 1;
+  return heightPlace(level + 1, parent, slotOfCell(level + 1, parent));
+}
 
-void neighbourhood(int level, ivec2 cell, int slot, out float h[9]) {
+void neighbourhood(ivec3 place, out float h[9]) {
   for (int j = 0; j < 3; ++j)
-    for (int i = 0; i < 3; ++i) h[3 * j + i] = heightAt(level, cell, slot, ivec2(i - 1, j - 1));
+    for (int i = 0; i < 3; ++i) h[3 * j + i] = heightAt(place, ivec2(i - 1, j - 1));
 }
 
 #if SURFACE == 1
@@ -66,27 +69,22 @@ vec2 smoothSlope(float h[9], vec2 u) {
 // height z0 to u1 and z1. Returns the share of the way, or -1. (4.2)
 float meetSurface(int level, ivec2 cell, int slot, float tau, vec2 u0, vec2 u1, float z0, float z1) {
 #if SURFACE == 0
-  float height = heightAt(level, cell, slot, ivec2(0));
-  if (tau > 0.0) {
-    ivec2 parent = cell >> 1;
-    height = mix(height, heightAt(level + 1, parent, parentSlot(level, parent), ivec2(0)), tau);
-  }
+  float height = heightAt(heightPlace(level, cell, slot), ivec2(0));
+  if (tau > 0.0) height = mix(height, heightAt(parentPlace(level, cell), ivec2(0)), tau);
   if (z0 <= height) return 0.0;
   return z1 <= height ? (z0 - height) / (z0 - z1) : -1.0;
 #else
   float h[9];
-  neighbourhood(level, cell, slot, h);
+  neighbourhood(heightPlace(level, cell, slot), h);
 #if SURFACE == 1
   float g[9];
   halfPoints(h, g);
   if (tau > 0.0) {
     // One bilinear patch of the coarser level lies over the whole cell.
-    ivec2 parent = cell >> 1, child = cell & 1;
-    int parent_slot = parentSlot(level, parent);
-    float a = heightAt(level + 1, parent, parent_slot, child - 1);
-    float b = heightAt(level + 1, parent, parent_slot, ivec2(child.x, child.y - 1));
-    float c = heightAt(level + 1, parent, parent_slot, ivec2(child.x - 1, child.y));
-    float d = heightAt(level + 1, parent, parent_slot, child);
+    ivec2 child = cell & 1;
+    ivec3 parent = parentPlace(level, cell);
+    float a = heightAt(parent, child - 1), b = heightAt(parent, ivec2(child.x, child.y - 1));
+    float c = heightAt(parent, ivec2(child.x - 1, child.y)), d = heightAt(parent, child);
     vec2 from = 0.5 * vec2(1 - child);
     for (int j = 0; j < 3; ++j) {
       for (int i = 0; i < 3; ++i) {
@@ -134,9 +132,8 @@ float meetSurface(int level, ivec2 cell, int slot, float tau, vec2 u0, vec2 u1, 
   mat4 g = hermiteGeometry(h), coarse = mat4(0.0);
   vec2 corner = 0.5 * vec2(cell & 1);
   if (tau > 0.0) {
-    ivec2 parent = cell >> 1;
     float k[9];
-    neighbourhood(level + 1, parent, parentSlot(level, parent), k);
+    neighbourhood(parentPlace(level, cell), k);
     coarse = hermiteGeometry(k);
   }
   float before = 0.0;

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "render/preview/height_grid.h"
@@ -17,7 +18,7 @@ using test::SyntheticMap;
 // A map whose level 0 is in GPU memory as a whole.
 struct Scene {
   Scene(gl::Context& context, const SyntheticMap::Options& options, const SyntheticMap::Height& height)
-      : map(options, height), ram(map) {
+      : map(options, height), ram(map), caster(context) {
     // Straight down from where all of the map is in the picture, in few pixels: for the caches.
     View view;
     view.position = map.place(0.5 * map.texels(), 0.5 * map.texels(), 900);
@@ -43,13 +44,13 @@ struct Scene {
   std::unique_ptr<MapTextures> textures;
   std::unique_ptr<ClipCache> cache;
   std::unique_ptr<HeightGrid> grid;
+  RayCaster caster;
 };
 
 struct Agreement {
   std::size_t rays = 0, hits = 0;
   std::size_t other_end = 0;  // one hits, the other does not
-  std::size_t beyond = 0;     // hit heights differ by more than 1 mm, or 3e-7 of the distance beyond 3.3 km
-  std::size_t beyond_1mm = 0;
+  std::size_t beyond = 0;     // hit heights differ by more than 1 mm
   std::size_t gave_up = 0;
   int most_steps = 0;
   double worst_m = 0;
@@ -58,7 +59,6 @@ struct Agreement {
     hits += o.hits;
     other_end += o.other_end;
     beyond += o.beyond;
-    beyond_1mm += o.beyond_1mm;
     gave_up += o.gave_up;
     most_steps = std::max(most_steps, o.most_steps);
     worst_m = std::max(worst_m, o.worst_m);
@@ -70,9 +70,11 @@ struct Agreement {
 // at 0.01 degrees, 4 upwards, 5 from inside and below the terrain, 6 from 10 km, 7 towards the horizon, 8
 // with components that are zero, 9 from a cell's edge or corner.
 inline constexpr int kRayKinds = 10;
-[[nodiscard]] std::vector<TestRay> randomRays(std::uint64_t seed, int kind, std::size_t count,
-                                              const Scene& scene, const RayFrame& frame);
-[[nodiscard]] Agreement compare(gl::Context& context, const Scene& scene, const RayFrame& frame,
-                                Surface surface, std::span<const TestRay> rays);
+[[nodiscard]] std::vector<SingleRay> randomRays(std::uint64_t seed, int kind, std::size_t count,
+                                                const Scene& scene, const RayFrame& frame);
+[[nodiscard]] Agreement compare(Scene& scene, const RayFrame& frame, Surface surface,
+                                std::span<const SingleRay> rays);
+// Prints a line.
+void report(Surface surface, const std::string& kind, const Agreement& agreement);
 
 }  // namespace overfly::preview

@@ -1,6 +1,5 @@
 #include <gtest/gtest.h>
 
-#include <cstdio>
 #include <string>
 
 #include "tests/unit/gl/gl_fixture.h"
@@ -12,18 +11,16 @@ namespace {
 using Rays1000Km = test::GlTest;
 class Rays : public test::GlTest, public ::testing::WithParamInterface<Surface> {};
 
+// tests/stress/preview has the million.
 TEST_P(Rays, OfEveryKindHitWhatTheReferenceHits) {
   Scene scene(context(), {}, test::holedHeight);
   const auto frame =
       RayFrame::create(scene.domain, scene.map.place(200, 180, 470), scene.cache->baseHeight()).value();
   Agreement all;
   for (int kind = 0; kind < kRayKinds; ++kind) {
-    const auto rays = randomRays(20 + static_cast<std::uint64_t>(kind), kind, 2048, scene, frame);
-    const Agreement a = compare(context(), scene, frame, GetParam(), rays);
-    std::printf(
-        "kind %d %s: %zu rays, %zu hits, %zu end otherwise, %zu beyond 1 mm, worst %.4f m, most steps %d\n",
-        kind, std::string(surfaceName(GetParam())).c_str(), a.rays, a.hits, a.other_end, a.beyond_1mm,
-        a.worst_m, a.most_steps);
+    const auto rays = randomRays(20 + static_cast<std::uint64_t>(kind), kind, 700, scene, frame);
+    const Agreement a = compare(scene, frame, GetParam(), rays);
+    report(GetParam(), std::to_string(kind), a);
     EXPECT_EQ(a.gave_up, 0U) << kind;
     EXPECT_LE(a.other_end + a.beyond, a.rays / 200) << "kind " << kind;
     all += a;
@@ -39,7 +36,7 @@ TEST_F(Rays1000Km, AreAsExactAsNearTheOrigin) {
     const auto frame =
         RayFrame::create(scene.domain, scene.map.place(200, 180, 470), scene.cache->baseHeight()).value();
     const auto rays = randomRays(7, 0, 1024, scene, frame);
-    const Agreement a = compare(context(), scene, frame, Surface::Linear, rays);
+    const Agreement a = compare(scene, frame, Surface::Linear, rays);
     EXPECT_GT(a.hits, 300u);
     EXPECT_LE(a.other_end + a.beyond, a.rays / 200) << away_deg;
   }
