@@ -258,6 +258,7 @@ void parkCars(Site& site, const StreetDescription& street, std::uint32_t seed) {
 void buildSettlement(Site& site) {
   const SceneDescription& scene = site.scene;
   std::vector<Footprint2> plots;
+  const std::vector<Footprint2> built = site.taken;  // what the scene places itself
   std::uint32_t number = 0, street_number = 0;
   for (const StreetDescription& street : scene.streets) {
     ++street_number;
@@ -276,8 +277,9 @@ void buildSettlement(Site& site) {
           plot.turn = std::atan2(along.y(), along.x()) + (side > 0 ? 0 : std::numbers::pi);
           plot.centre = a + s * along + (0.5 * street.width + scene.pavement + 0.5 * depth) * outward;
           ++number;
-          bool is_free = std::none_of(plots.begin(), plots.end(),
-                                      [&](const Footprint2& other) { return plot.touches(other); }) &&
+          const auto touched = [&](const Footprint2& other) { return plot.touches(other); };
+          bool is_free = std::none_of(plots.begin(), plots.end(), touched) &&
+                         std::none_of(built.begin(), built.end(), touched) &&
                          (plot.centre - site.terrain.west_south()).minCoeff() > 20 &&
                          (site.terrain.east_north() - plot.centre).minCoeff() > 20;
           for (const StreetDescription& other : scene.streets) {

@@ -11,7 +11,7 @@ void main() {
   float lit = litShare(place, n);
   vec3 radiance = radianceOf(albedo / float(f.taps), n, towards_sun, lit);
 #ifdef SPECULAR
-  for (int once = 0; once < (coverAt(place.xy).base == 7u ? 1 : 0); ++once) {
+  for (int once = 0; once < (baseAt(place.xy) == 7u ? 1 : 0); ++once) {
     radiance += vec3(glint(place, waveNormal(place.xy, f.width), specular.y, lit));
   }
 #endif

@@ -8,15 +8,13 @@ uniform vec3 light_offset;
 uniform float shadow_texel_metres;
 float litShare(vec3 place, vec3 n) {
   vec3 q = light_scale * (light_from_scene_rotation * (place + n * (1.2 * shadow_texel_metres))) + light_offset;
-  // Bilinear over four hard comparisons.
+  // Bilinear over four hard comparisons. The gather is asked for at the corner between the four texels, where
+  // no rounding of its coordinates can pick others.
   vec2 t = q.xy - 0.5;
-  ivec2 i = ivec2(floor(t));
   vec2 f = t - floor(t);
-  ivec2 last = textureSize(shadow_map, 0) - 1;
-  vec4 d = vec4(texelFetch(shadow_map, clamp(i, ivec2(0), last), 0).r, texelFetch(shadow_map, clamp(i + ivec2(1, 0), ivec2(0), last), 0).r,
-                texelFetch(shadow_map, clamp(i + ivec2(0, 1), ivec2(0), last), 0).r, texelFetch(shadow_map, clamp(i + ivec2(1, 1), ivec2(0), last), 0).r);
+  vec4 d = textureGather(shadow_map, (floor(t) + 1.0) / vec2(textureSize(shadow_map, 0)));
   vec4 lit = step(vec4(q.z), d);
-  return mix(mix(lit.x, lit.y, f.x), mix(lit.z, lit.w, f.x), f.y);
+  return mix(mix(lit.w, lit.z, f.x), mix(lit.x, lit.y, f.x), f.y);
 }
 #else
 float litShare(vec3 place, vec3 n) { return 1.0; }

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <string>
 
 #include "tests/unit/scene/scene_fixture.h"
 
@@ -44,6 +45,40 @@ TEST(Truth, CanyonHasVerticalWalls) {
       "[terrain]\nextent = [300, 300]\n[canyon]\ndepth = 150\nwidth = 80\nwinding = 0\nroughness = 0\n"));
   EXPECT_NEAR(heightOver(truth, 0, 39.9), 0, 1e-3);
   EXPECT_GT(heightOver(truth, 0, 40.1), 149);
+}
+
+TEST(Truth, NoPlotIsLaidWhereTheSceneHasBuilt) {
+  const Truth truth(
+      worldOf("[terrain]\nextent = [240, 140]\n[[street]]\npoints = [[-110, 0], [110, 0]]\nhouses = true\n"
+              "[[building]]\nat = [0, 22]\nsize = [40, 30]\nheight = 0.5\n"));
+  for (double east = -19; east < 20; east += 2)
+    for (double north = 8; north < 36; north += 2) EXPECT_NEAR(heightOver(truth, east, north), 0.5, 1e-3);
+  double highest = 0;
+  for (double east = -80; east < 80; east += 2) highest = std::max(highest, heightOver(truth, east, -15));
+  EXPECT_GT(highest, 5) << "the other side of the street has houses";
+}
+
+// A container no higher than the quay is not seen: what a shipped scene places by hand is the top at its
+// place (give or take the slope under it: a house stands on its highest ground).
+TEST(Truth, WhatShippedScenesPlaceIsSeen) {
+  for (const char* name : {"harbour", "village"}) {
+    const auto scene = loadScene(OVERFLY_SOURCE_DIR "/tests/data/scenes/" + std::string(name) + ".toml");
+    ASSERT_TRUE(scene.has_value());
+    const auto world = buildWorld(*scene);
+    ASSERT_TRUE(world.has_value());
+    const Truth truth(*world);
+    for (const BuildingDescription& b : scene->buildings) {
+      if (b.kind == BuildingDescription::Kind::Prism) continue;
+      for (int i = 0; i < b.repeat[0]; ++i) {
+        const Eigen::Vector2d p = b.at + Eigen::Rotation2Dd(b.turn) * Eigen::Vector2d(i * b.step.x(), 0);
+        const geo::Geodetic place = geo::geodeticFromEcef((*world)->local.ecefFromEnu({p.x(), p.y(), 0}));
+        const double top = truth.heightAt(place.lat, place.lon).value_or(NAN) - scene->place.height_m;
+        const double own = (*world)->terrain.heightAt(p.x(), p.y()) + b.height +
+                           (b.kind == BuildingDescription::Kind::Gable ? b.ridge : 0);
+        EXPECT_NEAR(top, own, 1.2) << name << " at " << p.transpose();
+      }
+    }
+  }
 }
 
 TEST(Truth, PlantsStandOnIt) {
