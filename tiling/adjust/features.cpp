@@ -140,9 +140,12 @@ Features findFeatures(const GreyImage& image, const FeatureOptions& options) {
 
   Features out;
   out.length = descriptors.cols;
+  // OpenCV: the first pixel's centre is (0, 0). Its SIFT works on a doubled picture whose pixel i lies at
+  // i / 2 - 1/4 of the small one, and says i / 2 (unless built with "enable_precise_upscale", which came
+  // later).
+  const double centre = options.kind == FeatureKind::Sift ? 0.25 : 0.5;
   for (const auto& k : kept) {
-    // OpenCV: the first pixel's centre is (0, 0).
-    out.pixels.emplace_back((k.pt.x + 0.5) * sx, (k.pt.y + 0.5) * sy);
+    out.pixels.emplace_back((k.pt.x + centre) * sx, (k.pt.y + centre) * sy);
     out.strength.push_back(k.response);
   }
   for (int r = 0; r < descriptors.rows; ++r) {

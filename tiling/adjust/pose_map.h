@@ -37,7 +37,7 @@ struct AdjustOptions {
   int link_frames = 8;              // frames that each new frame is matched with
   int window_observations = 200;    // measurements per frame in a window's adjustment
   int regional_observations = 150;  // the same in a regional one
-  int global_observations = 500;    // the same in the adjustment of the whole flight
+  int global_observations = 1000;   // the same in the adjustment of the whole flight
   int least_points = 15;            // agreeing measurements below which a frame is not adjusted
   double sigma_px = 0.6;            // noise of a feature's place, pixels
   double gate_px = 4.0;             // measurements further from their prediction are not joined to a point
@@ -238,7 +238,7 @@ class PoseMap {
     double horizontal = 1, vertical = 1, tilt = 1, heading = 1;
   } noise_;
   struct Wander {  // by how much the noise counts for more, because it is correlated in time
-    double horizontal = 1, vertical = 1;
+    double horizontal = 1, vertical = 1, attitude = 1;
   } wander_;
   std::map<FrameId, Frame> frames_;
   std::map<std::int64_t, FrameId> located_at_;  // the adjusted track: located frames by time

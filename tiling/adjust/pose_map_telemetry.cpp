@@ -68,7 +68,12 @@ constexpr double kDelayStep = 0.25;            // of that search
 constexpr double kClearlyBetter = 3;           // log-likelihood by which another delay must win
 constexpr double kMostDelay = 6;               // seconds that are searched for
 constexpr double kLeastStampError = 0.1;  // seconds: what the track's shape between two frames is good for
-constexpr double kAssumedHeading = 0.5;   // radians: a heading claimed worse than this was not measured
+// A horizon (gyroscopes, levelled by accelerometers) is thrown off by every turn and settles over tens of
+// seconds, and does so in the same way on every leg. Taken as noise from frame to frame, that would bend a
+// block of parallel legs into a dome.
+constexpr double kAttitudeSettles = 30;       // seconds
+constexpr double kMostAttitudeWander = 0.99;  // correlation from frame to frame
+constexpr double kAssumedHeading = 0.5;       // radians: a heading claimed worse than this was not measured
 
 }  // namespace
 
@@ -133,7 +138,7 @@ void PoseMap::fillPrior(const Frame& frame, BundleFrame& out) const {
   out.prior_enu_from_camera = frame.prior.enu_from_camera;
   const double horizontal = noise_.horizontal * wander_.horizontal;
   const Eigen::Vector3d p(horizontal, horizontal, noise_.vertical * wander_.vertical);
-  const Eigen::Vector3d a(noise_.tilt, noise_.tilt, noise_.heading);
+  const Eigen::Vector3d a = wander_.attitude * Eigen::Vector3d(noise_.tilt, noise_.tilt, noise_.heading);
   out.prior_position_covariance =
       p.asDiagonal() * frame.prior.covariance.topLeftCorner<3, 3>() * p.asDiagonal();
   out.prior_attitude_covariance =
@@ -194,14 +199,19 @@ void PoseMap::estimateNoise(const std::vector<FrameId>& frames) {
     same += 0.5 * (a.cwiseAbs2() + b.cwiseAbs2());
     next += a.cwiseProduct(b);
   }
-  const auto wander = [](double covariance, double variance) {
-    const double r = std::clamp(covariance / variance, 0.0, 0.95);
-    return std::sqrt((1 + r) / (1 - r));
+  const auto wander = [](double r) { return std::sqrt((1 + r) / (1 - r)); };
+  const auto correlation = [](double covariance, double variance) {
+    return std::clamp(covariance / variance, 0.0, 0.95);
   };
   noise_.horizontal = factor(0, kLeastPositionNoise);
   noise_.vertical = factor(1, kLeastPositionNoise);
-  wander_.horizontal = wander(next.head<2>().sum(), same.head<2>().sum());
-  wander_.vertical = wander(next.z(), same.z());
+  wander_.horizontal = wander(correlation(next.head<2>().sum(), same.head<2>().sum()));
+  wander_.vertical = wander(correlation(next.z(), same.z()));
+  std::vector<double> steps;  // seconds between neighbouring frames
+  for (std::size_t i = 1; i < frames.size(); ++i)
+    steps.push_back(1e-9 * std::abs(static_cast<double>(frames_.at(frames[i]).prior.time_ns -
+                                                        frames_.at(frames[i - 1]).prior.time_ns)));
+  wander_.attitude = wander(std::min(kMostAttitudeWander, std::exp(-median(steps) / kAttitudeSettles)));
   noise_.tilt = factor(2, kLeastAttitudeNoise);
   noise_.heading = factor(3, kLeastAttitudeNoise);
 }

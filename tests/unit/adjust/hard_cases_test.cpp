@@ -102,6 +102,28 @@ TEST(HardCases, StraightLegStatesThatRollAboutItIsWeak) {
   EXPECT_GT(middle.covariance(3, 3), 2 * middle.covariance(4, 4));
 }
 
+// What bends a block of legs over flat ground: pitch that is wrong in the same way on every leg.
+TEST(HardCases, AHorizonThatSettlesAfterEachTurnDoesNotBendTheBlock) {
+  SimulatedSettings settings;
+  settings.points_per_frame = 40;
+  settings.legs = 4;
+  settings.frames_per_leg = 10;
+  settings.height_m = 40;
+  settings.relief_m = 0.3;
+  settings.spacing_m = 18;
+  settings.speed_mps = 5;
+  settings.wobble = 0.002;
+  settings.gnss_noise_m = 0.3;
+  settings.attitude_noise = 0.002;
+  settings.horizon_drift = 0.035;
+  SimulatedTracks tracks(settings);
+  const Flown flown = fly(tracks, inOrder(tracks.frames()));
+  EXPECT_EQ(flown.count(FrameState::Adjusted), tracks.frames());
+  EXPECT_LT(worst(flown, tracks).first, 3.5);
+  const auto& s = flown.summary;
+  EXPECT_LT(std::abs(s.shared.lens[3] - tracks.camera.distortion[0]), 3 * s.sigmas.lens[3]);
+}
+
 TEST(HardCases, FramesThatSeeNothingInCommonAreHeldBackWithTheReason) {
   auto settings = ordinary();
   settings.spacing_m = 150;  // more than a footprint

@@ -26,6 +26,7 @@ struct SimulatedSettings {
   double wrong_matches = 0.03;
   // What is wrong with the telemetry and the nominal lens.
   double gnss_noise_m = 0, attitude_noise = 0, delay_s = 0;
+  double horizon_drift = 0;  // radians of pitch just after a turn, settling over 15 s
   Eigen::Vector3d boresight = Eigen::Vector3d::Zero(), lever_m = Eigen::Vector3d::Zero();
   double focal_error = 0;  // relative
   bool distorted = false;
@@ -106,9 +107,13 @@ class SimulatedTracks {
     prior.time_ns = static_cast<std::int64_t>(std::llround(time(i) * 1e9));
     prior.position =
         then.position + then.enu_from_camera * settings_.lever_m + settings_.gnss_noise_m * noise();
-    prior.enu_from_camera = tiling::adjust::fromRotationVector(settings_.attitude_noise * noise()) *
-                            then.enu_from_camera * tiling::adjust::fromRotationVector(-settings_.boresight);
-    const double p = std::max(settings_.gnss_noise_m, 0.05), a = std::max(settings_.attitude_noise, 0.005);
+    const double leg_s = settings_.frames_per_leg * settings_.interval_s;
+    const double drift = settings_.horizon_drift * std::exp(-std::fmod(time(i), leg_s) / 15);
+    prior.enu_from_camera =
+        tiling::adjust::fromRotationVector(settings_.attitude_noise * noise()) * then.enu_from_camera *
+        tiling::adjust::fromRotationVector(Eigen::Vector3d(drift, 0, 0) - settings_.boresight);
+    const double p = std::max(settings_.gnss_noise_m, 0.05);
+    const double a = std::max({settings_.attitude_noise, settings_.horizon_drift, 0.005});
     prior.covariance.setZero();
     prior.covariance.diagonal() << p * p, p * p, p * p, a * a, a * a, a * a;
     return prior;
