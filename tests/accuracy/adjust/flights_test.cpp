@@ -15,7 +15,8 @@ TEST(RecordedFlights, SmokeFromRawTelemetryIsAdjustedWhole) {
   EXPECT_EQ(out.adjusted, 9);
   EXPECT_LT(out.summary.rms_px, 0.6);
   EXPECT_LT(out.position_rms_m, 0.3);
-  EXPECT_LT(out.rotation_rms_deg, 0.5);
+  EXPECT_LT(out.rotation_rms_deg, 0.7);  // stated: 0.5 to 0.8 in each axis
+  EXPECT_LT(out.ground.residual_px, 0.2);
   EXPECT_NEAR(out.summary.shared.lens[0], flight.reference_camera.fx, 3 * out.summary.sigmas.lens[0]);
 }
 

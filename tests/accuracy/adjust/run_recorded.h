@@ -7,6 +7,7 @@
 
 #include "capture/geo/similarity.h"
 #include "tests/accuracy/adjust/recorded.h"
+#include "tests/accuracy/adjust/retriangulated.h"
 #include "tiling/adjust/adjuster.h"
 #include "tiling/adjust/telemetry_prior.h"
 
@@ -23,6 +24,7 @@ struct Outcome {
   double live_s = 0, total_s = 0;  // wall time: frame by frame, and with the final adjustment
   double raw_position_rms_m = 0, raw_rotation_rms_deg = 0;  // the telemetry, the same way
   geo::Similarity similarity;
+  tests::Retriangulated ground;
 };
 
 inline Outcome run(const RecordedFlight& flight, const capture::CameraModel& camera, bool verbose,
@@ -51,6 +53,7 @@ inline Outcome run(const RecordedFlight& flight, const capture::CameraModel& cam
   const geo::LocalFrame local(flight.origin);
   std::vector<Eigen::Vector3d> got, wanted, raw;
   std::vector<Eigen::Quaterniond> got_q, wanted_q, raw_q;
+  std::vector<std::optional<View>> views(flight.frames.size());
   for (const auto& a : final) {
     if (a.state != FrameState::Adjusted) {
       fmt::print("  {} not adjusted: {}\n", flight.frames[a.id].frame.name, a.reason);
@@ -60,6 +63,7 @@ inline Outcome run(const RecordedFlight& flight, const capture::CameraModel& cam
     const Eigen::Quaterniond turn(local.enuFromEcefRotation());
     got.push_back(local.enuFromEcef(a.pose.position_in_ecef));
     got_q.push_back(turn * a.pose.ecef_from_camera);
+    views[a.id] = View{got.back(), got_q.back()};
     raw.push_back(local.enuFromEcef(priors[a.id].pose->position_in_ecef));
     raw_q.push_back(turn * priors[a.id].pose->ecef_from_camera);
     wanted.push_back(flight.reference[a.id].position);
@@ -96,6 +100,7 @@ inline Outcome run(const RecordedFlight& flight, const capture::CameraModel& cam
   double ignored = 0;
   compare(raw, raw_q, out.raw_position_rms_m, ignored, out.raw_rotation_rms_deg);
   out.similarity = compare(got, got_q, out.position_rms_m, out.worst_position_m, out.rotation_rms_deg);
+  out.ground = tests::retriangulate(flight, adjuster.camera(), views);
   const auto& s = out.summary;
   fmt::print("{} of {} frames, {} points, {} observations, rms {:.3f} px; live {:.2f} s, total {:.2f} s\n",
              out.adjusted, flight.frames.size(), s.points, s.observations, s.rms_px, live, total);
@@ -119,6 +124,10 @@ inline Outcome run(const RecordedFlight& flight, const capture::CameraModel& cam
       out.position_rms_m, out.worst_position_m, out.rotation_rms_deg, out.raw_position_rms_m,
       out.raw_rotation_rms_deg, out.similarity.scale, Eigen::AngleAxisd(out.similarity.turn).angle() * 57.3,
       got.empty() ? 0 : (out.similarity(got[0]) - got[0]).norm());
+  fmt::print(
+      "the ground by {} points of the reference: they contradict it by {:.3f} px; heights after a similarity "
+      "rms {:.4f} m, of it a dome of {:.4f} m\n",
+      out.ground.points, out.ground.residual_px, out.ground.height_rms_m, out.ground.dome_rms_m);
   return out;
 }
 

@@ -15,7 +15,9 @@ TEST(RecordedFlights, BrightonBeachFromRawTelemetry) {
   EXPECT_EQ(out.adjusted, 18);
   EXPECT_LT(out.summary.rms_px, 0.6);
   EXPECT_LT(out.position_rms_m, 0.3);
-  EXPECT_LT(out.rotation_rms_deg, 0.4);
+  EXPECT_LT(out.rotation_rms_deg, 0.25);
+  EXPECT_LT(out.ground.residual_px, 0.2);
+  EXPECT_LT(out.ground.dome_rms_m, 0.02);
   EXPECT_NEAR(out.summary.shared.lens[0], flight.reference_camera.fx, 3 * out.summary.sigmas.lens[0]);
 }
 
@@ -28,6 +30,8 @@ TEST(RecordedFlights, CaliterraFromWhatItsCameraRecorded) {
   EXPECT_LT(out.summary.rms_px, 0.6);
   EXPECT_LT(out.position_rms_m, 0.15);
   EXPECT_LT(out.rotation_rms_deg, 0.2);
+  EXPECT_LT(out.ground.residual_px, 0.2);
+  EXPECT_LT(out.ground.dome_rms_m, 0.02);
   EXPECT_NEAR(out.summary.shared.delay_s, 2.5, 0.5);
 }
 
