@@ -136,27 +136,28 @@ float meetSurface(int level, ivec2 cell, int slot, float tau, vec2 u0, vec2 u1, 
     neighbourhood(parentPlace(level, cell), k);
     coarse = hermiteGeometry(k);
   }
-  float before = 0.0;
-  for (int i = 0; i <= 16; ++i) {  // 16 steps, as the thesis found enough
+  // 16 steps, as the thesis found enough, and then halves of the one where the ray dives.
+  float before = 0.0, after = -1.0;
+  for (int i = 0; i <= 16; ++i) {
     float s = float(i) / 16.0;
     vec2 u = mix(u0, u1, s);
     float height = patchHeight(g, u);
     if (tau > 0.0) height = mix(height, patchHeight(coarse, corner + 0.5 * u), tau);
-    if (mix(z0, z1, s) > height) {
-      before = s;
-      continue;
+    if (mix(z0, z1, s) <= height) {
+      after = s;
+      break;
     }
-    if (i == 0) return 0.0;
-    for (int k = 0; k < 16; ++k) {
-      float m = 0.5 * (before + s);
-      u = mix(u0, u1, m);
-      height = patchHeight(g, u);
-      if (tau > 0.0) height = mix(height, patchHeight(coarse, corner + 0.5 * u), tau);
-      if (mix(z0, z1, m) > height) before = m; else s = m;
-    }
-    return s;
+    before = s;
   }
-  return -1.0;
+  if (after <= 0.0) return after;
+  for (int k = 0; k < 16; ++k) {
+    float m = 0.5 * (before + after);
+    vec2 u = mix(u0, u1, m);
+    float height = patchHeight(g, u);
+    if (tau > 0.0) height = mix(height, patchHeight(coarse, corner + 0.5 * u), tau);
+    if (mix(z0, z1, m) > height) before = m; else after = m;
+  }
+  return after;
 #endif
 #endif
 }

@@ -336,11 +336,14 @@ TEST_F(ClipFixture, WhatIsDrawnNeverGetsCoarserThroughUpdates) {
   for (int y = 0; y < map.texels(); y += 8)
     for (int x = 0; x < map.texels(); x += 8)
       before[{x, y}] = cache.finestAt((domain.minTexel() + Eigen::Vector2d(x, y)).cast<int>());
+  sink.cost = 1ms;
   for (int frame = 0; frame < 60; ++frame) {
     map.change(frame % 8, (frame * 3) % 8, test::townHeight, frame % 2 == 0);
     ASSERT_TRUE(ram.poll().has_value());
     if (frame % 3 != 0) ram.loadNext(sink.time);
-    cache.update(focus, {.uploads = 2});
+    const Clock::time_point begin = sink.time;
+    cache.update(focus, {.time = 2ms});
+    EXPECT_LE(sink.time - begin, 2ms);
     for (const auto& [at, level] : before)
       ASSERT_LE(cache.finestAt((domain.minTexel() + Eigen::Vector2d(at.first, at.second)).cast<int>()), level)
           << frame;
