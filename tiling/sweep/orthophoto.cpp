@@ -1,6 +1,5 @@
 #include "tiling/sweep/orthophoto.h"
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -12,8 +11,8 @@
 #include "render/gl/framebuffer.h"
 #include "render/gl/program.h"
 #include "sweep_shaders.h"
+#include "tiling/sweep/detail/hidden_views.h"
 #include "tiling/sweep/detail/view_geometry.h"
-#include "tiling/sweep/height_filter.h"
 
 namespace overfly::tiling {
 namespace {
@@ -26,27 +25,31 @@ struct Targets {
 };
 
 struct SurfaceMaps {
-  gl::Texture height, provisional, ceiling;
+  gl::Texture height, provisional, hidden;  // hidden: of the cell alone
+  gl::Framebuffer into_hidden;
 };
 
 }  // namespace
 
 struct Orthographer::Impl {
-  gl::Context* context = nullptr;
-  std::map<int, gl::Program> programs;  // by number of views
-  std::map<int, Targets> targets;       // by size
-  std::map<int, SurfaceMaps> surfaces;  // by side
+  explicit Impl(gl::Context& borrowed) : context(&borrowed), hidden(borrowed) {}
+  gl::Context* context;
+  detail::HiddenViews hidden;
+  std::map<std::pair<int, Fallback>, gl::Program> programs;  // by number of views
+  std::map<int, Targets> targets;                            // by size
+  std::map<std::pair<int, int>, SurfaceMaps> surfaces;       // by texels and apron
 
-  Result<gl::Program*> programFor(int views) {
-    if (const auto found = programs.find(views); found != programs.end()) return &found->second;
+  Result<gl::Program*> programFor(int views, Fallback fallback) {
+    const std::pair key(views, fallback);
+    if (const auto found = programs.find(key); found != programs.end()) return &found->second;
     const std::array files{gl::ShaderFile{"texel_rays.glsl", shaders::sweep::texel_rays_glsl},
-                           gl::ShaderFile{"hidden.glsl", shaders::sweep::hidden_glsl},
                            gl::ShaderFile{"orthophoto.frag", shaders::sweep::orthophoto_frag}};
-    const std::array defines{gl::Define{"VIEWS", std::to_string(views)}, gl::Define{"BLEND_FROM", "0.80"},
-                             gl::Define{"STRETCH", std::to_string(kCeilingBlock) + ".0"}};
+    std::vector<gl::Define> defines = viewDefines(views);
+    defines.push_back({"BLEND_FROM", "0.80"});
+    defines.push_back({"FALLBACK", std::to_string(static_cast<int>(fallback))});
     auto program = gl::Program::fullScreen(*context, files, defines);
     if (!program) return tl::unexpected(program.error());
-    return &programs.emplace(views, std::move(*program)).first->second;
+    return &programs.emplace(key, std::move(*program)).first->second;
   }
 
   Result<gl::Texture> texture(gl::Format format, int side, gl::Filter filter) {
@@ -74,18 +77,26 @@ struct Orthographer::Impl {
     return &made;
   }
 
-  Result<SurfaceMaps*> surfaceOf(int side) {
-    if (const auto found = surfaces.find(side); found != surfaces.end()) return &found->second;
+  Result<SurfaceMaps*> mapsOf(const OrthoSurface& surface) {
+    const std::pair key(surface.texels, surface.apron);
+    if (const auto found = surfaces.find(key); found != surfaces.end()) return &found->second;
+    const int side = surface.texels + 2 * surface.apron;
     // 32-bit float textures are not filterable everywhere: the shader reads the nearest height.
     auto height = texture(gl::Format::R32F, side, gl::Filter::Nearest);
     if (!height) return tl::unexpected(height.error());
     auto provisional = texture(gl::Format::R8, side, gl::Filter::Nearest);
     if (!provisional) return tl::unexpected(provisional.error());
-    auto ceiling = texture(gl::Format::R32F, (side + kCeilingBlock - 1) / kCeilingBlock, gl::Filter::Nearest);
-    if (!ceiling) return tl::unexpected(ceiling.error());
-    return &surfaces
-                .emplace(side, SurfaceMaps{std::move(*height), std::move(*provisional), std::move(*ceiling)})
-                .first->second;
+    auto marks = texture(gl::Format::R32F, surface.texels, gl::Filter::Nearest);
+    if (!marks) return tl::unexpected(marks.error());
+    SurfaceMaps& made = surfaces[key];
+    made.height = std::move(*height);
+    made.provisional = std::move(*provisional);
+    made.hidden = std::move(*marks);
+    const std::array attachments{gl::Attachment{&made.hidden, 0, 0}};
+    auto into = gl::Framebuffer::create(*context, attachments);
+    if (!into) return tl::unexpected(into.error());
+    made.into_hidden = std::move(*into);
+    return &made;
   }
 };
 
@@ -93,9 +104,7 @@ Orthographer::Orthographer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) 
 Orthographer::~Orthographer() = default;
 
 Result<std::unique_ptr<Orthographer>> Orthographer::create(gl::Context& context) {
-  auto impl = std::make_unique<Impl>();
-  impl->context = &context;
-  return std::unique_ptr<Orthographer>(new Orthographer(std::move(impl)));
+  return std::unique_ptr<Orthographer>(new Orthographer(std::make_unique<Impl>(context)));
 }
 
 Result<Orthophoto> Orthographer::render(const OrthoSurface& surface, std::span<const OrthoView> all_views,
@@ -123,12 +132,18 @@ Result<Orthophoto> Orthographer::render(const OrthoSurface& surface, std::span<c
   for (std::uint8_t& p : provisional) p = p != 0 ? 255 : 0;
 
   const int side = surface.texels + 2 * surface.apron;
-  auto maps = impl_->surfaceOf(side);
+  auto maps = impl_->mapsOf(surface);
   if (!maps) return tl::unexpected(maps.error());
   (*maps)->height.upload(std::span<const float>(height));
   (*maps)->provisional.upload(std::span<const std::uint8_t>(provisional));
-  (*maps)->ceiling.upload(std::span<const float>(ceilingOf(height, side)));
-  auto program = impl_->programFor(static_cast<int>(views.size()));
+  const detail::Occluder occluder{height, surface.texels, surface.apron, &(*maps)->height};
+  const double texel_m = 2.0 * surface.frame->ground()[1].head<2>().norm() / surface.texels;
+  if (auto ok = impl_->hidden.mark(geometry, surface.texels, 0, occluder, nullptr,
+                                   {.rim = 1.5, .clearance_m = 0.35 * texel_m, .share = 0.05},
+                                   (*maps)->into_hidden);
+      !ok)
+    return tl::unexpected(ok.error());
+  auto program = impl_->programFor(static_cast<int>(views.size()), fallback);
   if (!program) return tl::unexpected(program.error());
   auto targets = impl_->targetsOf(size);
   if (!targets) return tl::unexpected(targets.error());
@@ -139,33 +154,21 @@ Result<Orthophoto> Orthographer::render(const OrthoSurface& surface, std::span<c
     p.setTexture("views[" + std::to_string(k) + "]", static_cast<int>(k) + 3, *views[k].color);
   p.setTexture("surface", 0, (*maps)->height);
   p.setTexture("provisional", 1, (*maps)->provisional);
-  p.setTexture("ceiling", 2, (*maps)->ceiling);
+  p.setTexture("hidden_views", 2, (*maps)->hidden);
+  p.set("hidden_from_texel", static_cast<float>(surface.texels) / static_cast<float>(size));
   const double scale = static_cast<double>(surface.texels) / size / side;
   const double offset = static_cast<double>(surface.apron) / side;
   p.set("surface_from_texel", Eigen::Vector4d(scale, scale, offset, offset).cast<float>().eval());
-  Eigen::Matrix2d enu_from_st;  // metres per unit of s, t; the cell spans two units
-  enu_from_st.col(0) = surface.frame->ground()[1].head<2>();
-  enu_from_st.col(1) = surface.frame->ground()[2].head<2>();
-  const Eigen::Matrix2d surface_from_enu = enu_from_st.inverse() * (0.5 * surface.texels / side);
-  p.set("surface_from_enu", Eigen::Vector4d(surface_from_enu(0, 0), surface_from_enu(1, 0),
-                                            surface_from_enu(0, 1), surface_from_enu(1, 1))
-                                .cast<float>()
-                                .eval());
-  std::vector<Eigen::Vector3f> camera;
   std::vector<float> gain, worth, focal;
   for (const OrthoView& view : views) {
-    camera.push_back(surface.frame->local().enuFromEcef(view.pose.position_in_ecef).cast<float>());
     gain.push_back(view.gain);
     worth.push_back(view.worth);
     focal.push_back(static_cast<float>(view.camera.fx));
   }
-  p.set("camera", std::span<const Eigen::Vector3f>(camera));
+  p.set("camera", std::span<const Eigen::Vector3f>(geometry.camera));
   p.set("gain", std::span<const float>(gain));
   p.set("worth", std::span<const float>(worth));
   p.set("focal", std::span<const float>(focal));
-  p.set("fallback", static_cast<int>(fallback));
-  p.set("highest", *highest - reference);
-  p.set("march_step", static_cast<float>(2.0 * enu_from_st.col(0).norm() / surface.texels));
   gl::drawFullScreen(p, (*targets)->into);
 
   if (auto ok = (*targets)->color.download(std::span<std::uint8_t>(photo.color)); !ok)

@@ -1,6 +1,5 @@
 #include "tiling/sweep/detail/sweep_passes.h"
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <opencv2/core.hpp>
@@ -10,14 +9,12 @@
 
 #include "render/gl/commands.h"
 #include "sweep_shaders.h"
-#include "tiling/sweep/height_filter.h"
 
 namespace overfly::tiling::detail {
 namespace {
 
 constexpr const char* kHalfFloatScale = "16.0";
-constexpr float kSkip = -1e9f;  // base height of a texel that is not wanted; SKIP_BELOW in the shaders
-constexpr const char* kSkipBelow = "-1e8";
+constexpr float kSkip = -1e9f;  // base height of a texel that is not wanted: below HiddenViews::kSkipBelow
 
 gl::Sampling nearest() { return {gl::Filter::Nearest, gl::Filter::Nearest}; }
 
@@ -28,13 +25,13 @@ Result<gl::Program*> SweepPasses::costProgram(const CostKey& key) {
   const auto [cost, views, better_half, masked, occluders] = key;
   const std::array files{gl::ShaderFile{"texel_rays.glsl", shaders::sweep::texel_rays_glsl},
                          gl::ShaderFile{"plane_costs.frag", shaders::sweep::plane_costs_frag}};
-  std::vector<gl::Define> defines{{"VIEWS", std::to_string(views)},
-                                  {"COST", std::to_string(cost)},
-                                  // A plane that fewer than two views see: worse than no agreement.
-                                  {"NO_VIEWS", cost == static_cast<int>(MatchCost::Zncc) ? "-0.02" : "-1.0"},
-                                  {"HALF_FLOAT_SCALE", kHalfFloatScale}};
+  std::vector<gl::Define> defines = viewDefines(views);
+  defines.push_back({"COST", std::to_string(cost)});
+  // A plane that fewer than two views see: worse than no agreement.
+  defines.push_back({"NO_VIEWS", cost == static_cast<int>(MatchCost::Zncc) ? "-0.02" : "-1.0"});
+  defines.push_back({"HALF_FLOAT_SCALE", kHalfFloatScale});
   if (better_half) defines.push_back({"BETTER_HALF", "1"});
-  if (masked) defines.push_back({"SKIP_BELOW", kSkipBelow});
+  if (masked) defines.push_back({"SKIP_BELOW", HiddenViews::kSkipBelow});
   if (occluders) defines.push_back({"OCCLUDERS", "1"});
   auto program = gl::Program::fullScreen(*context_, files, defines);
   if (!program) return tl::unexpected(program.error());
@@ -49,21 +46,10 @@ Result<gl::Program*> SweepPasses::windowProgram(std::map<WindowKey, gl::Program>
                                   {"COST", std::to_string(cost)},
                                   {"HALF_FLOAT_SCALE", kHalfFloatScale}};
   if (raw) defines.push_back({"RAW", "1"});
-  if (masked) defines.push_back({"SKIP_BELOW", kSkipBelow});
+  if (masked) defines.push_back({"SKIP_BELOW", HiddenViews::kSkipBelow});
   auto program = gl::Program::fullScreen(*context_, std::span(&file, 1), defines);
   if (!program) return tl::unexpected(program.error());
   return &programs.emplace(key, std::move(*program)).first->second;
-}
-
-Result<gl::Program*> SweepPasses::hiddenProgram(int views) {
-  if (const auto found = hidden_programs_.find(views); found != hidden_programs_.end()) return &found->second;
-  const std::array files{gl::ShaderFile{"hidden.glsl", shaders::sweep::hidden_glsl},
-                         gl::ShaderFile{"hidden_views.frag", shaders::sweep::hidden_views_frag}};
-  const std::array defines{gl::Define{"VIEWS", std::to_string(views)}, gl::Define{"SKIP_BELOW", kSkipBelow},
-                           gl::Define{"STRETCH", std::to_string(kCeilingBlock) + ".0"}};
-  auto program = gl::Program::fullScreen(*context_, files, defines);
-  if (!program) return tl::unexpected(program.error());
-  return &hidden_programs_.emplace(views, std::move(*program)).first->second;
 }
 
 Result<SweepPasses::Targets*> SweepPasses::targetsOf(int side) {
@@ -79,11 +65,6 @@ Result<SweepPasses::Targets*> SweepPasses::targetsOf(int side) {
     if (!created) return tl::unexpected(created.error());
     *into = std::move(*created);
   }
-  const int blocks = (side + kCeilingBlock - 1) / kCeilingBlock;
-  auto ceiling = gl::Texture::create(
-      *context_, {.format = gl::Format::R32F, .width = blocks, .height = blocks, .sampling = nearest()});
-  if (!ceiling) return tl::unexpected(ceiling.error());
-  made.ceiling = std::move(*ceiling);
   Targets& kept = targets_.emplace(side, std::move(made)).first->second;
   const auto target = [&](gl::Framebuffer& into,
                           std::initializer_list<const gl::Texture*> textures) -> Result<void> {
@@ -111,32 +92,12 @@ Result<bool> SweepPasses::findHidden(const Pass& pass, Targets& targets, double 
   auto coarse = targetsOf(coarse_side);
   if (!coarse) return tl::unexpected(coarse.error());
   (*coarse)->surface.upload(occluders.height);
-  (*coarse)->ceiling.upload(std::span<const float>(ceilingOf(occluders.height, coarse_side)));
-  auto program = hiddenProgram(static_cast<int>(pass.views.size()));
-  if (!program) return tl::unexpected(program.error());
-  gl::Program& p = **program;
-  setGrid(p, *pass.geometry, pass.grid->texels >> pass.level, apron);
-  p.setTexture("surface", 0, (*coarse)->surface);
-  p.setTexture("base_height", 1, targets.base);
-  p.setTexture("ceiling", 2, (*coarse)->ceiling);
-  p.set("height_offset", static_cast<float>(offset_m));
-  // A fine texel's centre (x + 0.5) lies at (x + 0.5 - apron) / 2 + apron of the coarse grid.
-  const auto scale = static_cast<float>(0.5 / coarse_side);
-  const auto shift = static_cast<float>(0.5 * apron / coarse_side);
-  p.set("surface_from_texel", Eigen::Vector2f(scale, shift));
-  Eigen::Matrix2d enu_from_st;  // metres per unit of s, t; the cell spans two units
-  enu_from_st.col(0) = pass.geometry->ground[1].head<2>().cast<double>();
-  enu_from_st.col(1) = pass.geometry->ground[2].head<2>().cast<double>();
-  const Eigen::Matrix2d surface_from_enu = enu_from_st.inverse() * (0.5 * occluders.texels / coarse_side);
-  p.set("surface_from_enu", Eigen::Vector4d(surface_from_enu(0, 0), surface_from_enu(1, 0),
-                                            surface_from_enu(0, 1), surface_from_enu(1, 1))
-                                .cast<float>()
-                                .eval());
-  p.set("camera", std::span<const Eigen::Vector3f>(pass.geometry->camera));
-  p.set("highest", highest);
-  p.set("march_step", static_cast<float>(2.0 * enu_from_st.col(0).norm() / occluders.texels));
-  p.set("clearance", static_cast<float>(clearance));
-  gl::drawFullScreen(p, targets.into_hidden);
+  const Occluder occluder{occluders.height, occluders.texels, apron, &(*coarse)->surface};
+  const HiddenViews::Base base{&targets.base, offset_m};
+  if (auto ok = hidden_.mark(*pass.geometry, pass.grid->texels >> pass.level, apron, occluder, &base,
+                             {.rim = 2.0, .clearance_m = clearance}, targets.into_hidden);
+      !ok)
+    return tl::unexpected(ok.error());
   return true;
 }
 
@@ -256,9 +217,9 @@ Result<std::vector<float>> SweepPasses::full(const SweepGrid& grid, std::span<co
   if (found == full_programs_.end()) {
     const std::array files{gl::ShaderFile{"texel_rays.glsl", shaders::sweep::texel_rays_glsl},
                            gl::ShaderFile{"full_sweep.frag", shaders::sweep::full_sweep_frag}};
-    std::vector<gl::Define> defines{{"VIEWS", std::to_string(views.size())},
-                                    {"COST", std::to_string(static_cast<int>(options.cost))},
-                                    {"LEVELS", std::to_string(options.window_levels)}};
+    std::vector<gl::Define> defines = viewDefines(static_cast<int>(views.size()));
+    defines.push_back({"COST", std::to_string(static_cast<int>(options.cost))});
+    defines.push_back({"LEVELS", std::to_string(options.window_levels)});
     if (options.better_half) defines.push_back({"BETTER_HALF", "1"});
     auto program = gl::Program::fullScreen(*context_, files, defines);
     if (!program) return tl::unexpected(program.error());

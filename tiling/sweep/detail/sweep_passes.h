@@ -10,6 +10,7 @@
 #include "render/gl/framebuffer.h"
 #include "render/gl/program.h"
 #include "render/gl/texture.h"
+#include "tiling/sweep/detail/hidden_views.h"
 #include "tiling/sweep/detail/view_geometry.h"
 #include "tiling/sweep/sweep.h"
 
@@ -55,7 +56,7 @@ struct Occluders {
 // thread.
 class SweepPasses {
  public:
-  explicit SweepPasses(gl::Context& context) : context_(&context) {}
+  explicit SweepPasses(gl::Context& context) : context_(&context), hidden_(context) {}
 
   // Called before every pass; false puts the sweep aside (Unavailable). See Sweeper::onPause.
   void onPause(std::function<bool()> pause) { pause_ = std::move(pause); }
@@ -83,14 +84,13 @@ class SweepPasses {
 
   // The textures of one grid size.
   struct Targets {
-    gl::Texture base, surface, ceiling, a0, a1, b0, b1, best, hidden;
+    gl::Texture base, surface, a0, a1, b0, b1, best, hidden;
     gl::Framebuffer into_a, into_b, into_best, into_hidden;
   };
 
   Result<gl::Program*> costProgram(const CostKey& key);
   Result<gl::Program*> windowProgram(std::map<WindowKey, gl::Program>& programs, const gl::ShaderFile& file,
                                      const WindowKey& key);
-  Result<gl::Program*> hiddenProgram(int views);
   Result<Targets*> targetsOf(int side);
   // Marks the views that the occluders hide from each texel in targets.hidden; false when none can.
   Result<bool> findHidden(const Pass& pass, Targets& targets, double lowest_base_m, double offset_m,
@@ -100,10 +100,10 @@ class SweepPasses {
                               const Occluders* occluders);
 
   gl::Context* context_;
+  HiddenViews hidden_;
   std::function<bool()> pause_;
   std::map<CostKey, gl::Program> cost_programs_;
   std::map<WindowKey, gl::Program> row_programs_, best_programs_;
-  std::map<int, gl::Program> hidden_programs_;
   std::map<FullKey, gl::Program> full_programs_;
   std::map<int, Targets> targets_;
 };

@@ -56,6 +56,12 @@ ViewGeometry viewGeometry(std::span<const SweepView> views, const geo::TileFrame
   return geometry;
 }
 
+std::vector<gl::Define> viewDefines(int views) {
+  std::string each;
+  for (int k = 0; k < views; ++k) each += "F(" + std::to_string(k) + ") ";
+  return {{"VIEWS", std::to_string(views)}, {"EACH_VIEW(F)", each}};
+}
+
 void setGrid(gl::Program& program, const ViewGeometry& geometry, int texels, int apron) {
   const float step = 2.0f / static_cast<float>(texels);
   const float origin = -1.0f - static_cast<float>(apron) * step;

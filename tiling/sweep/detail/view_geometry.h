@@ -25,6 +25,9 @@ struct ViewGeometry {
 [[nodiscard]] ViewGeometry viewGeometry(std::span<const SweepView> views, const geo::TileFrame& frame,
                                         double ground_height_m, double reference_height_m);
 
+// The number of views as shaders want it: VIEWS, and EACH_VIEW(F), which is F(0) F(1) ... F(VIEWS - 1).
+[[nodiscard]] std::vector<gl::Define> viewDefines(int views);
+
 // Sets where a grid of texels x texels over the cell lies, with `apron` more of its texels on every side.
 void setGrid(gl::Program& program, const ViewGeometry& geometry, int texels, int apron);
 // Sets the rays of a grid of texels x texels over the cell, with `apron` more of its texels on every side.

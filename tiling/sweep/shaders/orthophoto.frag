@@ -8,118 +8,72 @@
 #define OVERWRITE 3     // the last
 #define LOWEST_COST 4   // the one that differs least from the others
 uniform sampler2D views[VIEWS];
-uniform sampler2D provisional;  // 1 where the surface is only a guess
+uniform sampler2D surface;        // heights above the reference, as fine as the grid or coarser, with apron
+uniform sampler2D provisional;    // 1 where the surface is only a guess
+uniform sampler2D hidden_views;   // bit k: hidden from view k; the surface's texels without apron
+uniform float hidden_from_texel;
 uniform vec4 surface_from_texel;  // scale.xy and offset.zw: texture coordinates of a texel's centre
 uniform vec3 camera[VIEWS];       // in tile ENU
 uniform float gain[VIEWS];        // exposure gain of the frame, linear in coded values
 uniform float worth[VIEWS];       // of the frame as a whole: sharpness, exposure; about 1
 uniform float focal[VIEWS];       // pixels
-uniform int fallback;
 layout(location = 0) out vec4 color_out;
 layout(location = 1) out vec4 source_out;  // source + 1, views that see the texel, flags (1: provisional), -
 layout(location = 2) out vec4 detail_out;  // GSD in metres of the source, its tilt in radians, -, -
 
 float score[VIEWS];
 vec2 where[VIEWS];
-float seen_by;
+#if FALLBACK == LOWEST_COST
 vec3 tint[VIEWS];
+#define TINT(k) tint[k] = gain[k] * textureLod(views[k], where[k], 0.0).rgb;
+#else
+#define TINT(k)
+#endif
 
-// How much a view is worth on a guessed surface.
-float rankOnGuess(int k, float edge, vec2 from_centre) {
-  float rim = min(1.0, edge * 20.0);
-  if (fallback == BLEND) return worth[k] * edge;
-  if (fallback == AVERAGE) return worth[k];
-  if (fallback == OVERWRITE) return float(k + 1);
-  return worth[k] * rim / (0.03 + dot(from_centre, from_centre));
-}
+// How much view k is worth on a guessed surface.
+#if FALLBACK == BLEND
+#define RANK_ON_GUESS(k) worth[k] * edge
+#elif FALLBACK == AVERAGE
+#define RANK_ON_GUESS(k) worth[k]
+#elif FALLBACK == OVERWRITE
+#define RANK_ON_GUESS(k) float(k + 1)
+#else
+#define RANK_ON_GUESS(k) worth[k] * rim / (0.03 + dot(from_centre, from_centre))
+#endif
 
 void main() {
   castRays(gl_FragCoord.xy);
   vec2 at = gl_FragCoord.xy * surface_from_texel.xy + surface_from_texel.zw;
   float z = textureLod(surface, at, 0.0).r;
   bool guess = textureLod(provisional, at, 0.0).r > 0.5;
+  int hidden = int(texelFetch(hidden_views, ivec2(gl_FragCoord.xy * hidden_from_texel), 0).r);
   float s = grid_origin.x + gl_FragCoord.x * grid_step, t = grid_origin.y + gl_FragCoord.y * grid_step;
   vec3 point = ground[0] + s * (ground[1] + s * ground[3] + t * ground[4]) + t * (ground[2] + t * ground[5]);
-  vec3 normal = up[0];
-  point += z * normal;
-  float best = 0.0;
+  point += z * up[0];
+  float best = 0.0, seen_by = 0.0, source_focal = 1.0;
   int source = -1;
-  seen_by = 0.0;
+  vec3 source_ray = vec3(0.0, 0.0, 1.0);
+  // A view that does not see the point still counts where none does.
 #define LOOK(k) { \
     vec3 p = ray_origin[k] + z * ray_slope[k]; \
     where[k] = p.xy / p.z; \
     vec2 inside = 0.5 - abs(where[k] - 0.5); \
     float edge = min(inside.x, inside.y); \
-    score[k] = 0.0; \
-    if (p.z > 0.0 && edge > 0.0 && textureLod(views[k], where[k], 0.0).a > 0.99) { \
-      if (guess) { \
-        seen_by += 1.0; \
-        vec2 from_centre = (where[k] - 0.5) * vec2(textureSize(views[k], 0)) / focal[k]; \
-        score[k] = rankOnGuess(k, edge, from_centre); \
-        if (fallback == LOWEST_COST) tint[k] = gain[k] * textureLod(views[k], where[k], 0.0).rgb; \
-      } else { \
-        vec3 ray = camera[k] - point; \
-        float tangent2 = dot(ray.xy, ray.xy) / max(ray.z * ray.z, 1e-6); \
-        score[k] = worth[k] * min(1.0, edge * 20.0) / (0.03 + tangent2); \
-      } \
-    } \
+    float rim = min(1.0, edge * 20.0); \
+    bool usable = p.z > 0.0 && edge > 0.0 && textureLod(views[k], where[k], 0.0).a > 0.99; \
+    bool sees = guess || (hidden & (1 << k)) == 0; \
+    vec3 ray = camera[k] - point; \
+    vec2 from_centre = (where[k] - 0.5) * vec2(textureSize(views[k], 0)) / focal[k]; \
+    float tangent2 = dot(ray.xy, ray.xy) / max(ray.z * ray.z, 1e-6); \
+    float rank = guess ? RANK_ON_GUESS(k) : worth[k] * rim / (0.03 + tangent2); \
+    score[k] = usable ? (sees ? rank : rank * 1e-3) : 0.0; \
+    seen_by += usable && sees ? 1.0 : 0.0; \
+    TINT(k) \
+    if (score[k] > best) { best = score[k]; source = k; source_ray = ray; source_focal = focal[k]; } \
   }
-#if VIEWS > 0
-  LOOK(0)
-#endif
-#if VIEWS > 1
-  LOOK(1)
-#endif
-#if VIEWS > 2
-  LOOK(2)
-#endif
-#if VIEWS > 3
-  LOOK(3)
-#endif
-#if VIEWS > 4
-  LOOK(4)
-#endif
-#if VIEWS > 5
-  LOOK(5)
-#endif
-#if VIEWS > 6
-  LOOK(6)
-#endif
-#if VIEWS > 7
-  LOOK(7)
-#endif
-#if VIEWS > 8
-  LOOK(8)
-#endif
-#if VIEWS > 9
-  LOOK(9)
-#endif
-#if VIEWS > 10
-  LOOK(10)
-#endif
-#if VIEWS > 11
-  LOOK(11)
-#endif
-#if VIEWS > 12
-  LOOK(12)
-#endif
-#if VIEWS > 13
-  LOOK(13)
-#endif
-  // A view that does not see the point still counts where none does.
-  for (int k = 0; k < VIEWS; ++k) {
-    if (score[k] > 0.0 && !guess) {
-      if (isHidden(at, z, point, camera[k], 1.5, 0.35 * march_step, 0.05))
-        score[k] *= 1e-3;
-      else
-        seen_by += 1.0;
-    }
-    if (score[k] > best) {
-      best = score[k];
-      source = k;
-    }
-  }
-  if (guess && fallback == LOWEST_COST && source >= 0) {
+  EACH_VIEW(LOOK)
+#if FALLBACK == LOWEST_COST
+  if (guess && source >= 0) {
     float lowest = 1e9;
     for (int i = 0; i < VIEWS; ++i) {
       if (score[i] <= 0.0) continue;
@@ -128,62 +82,33 @@ void main() {
         if (score[j] > 0.0) cost += dot(abs(tint[i] - tint[j]), vec3(1.0));
       if (cost < lowest) { lowest = cost; source = i; }
     }
+    source_ray = camera[source] - point;
+    source_focal = focal[source];
   }
-  bool all_count = guess && (fallback == BLEND || fallback == AVERAGE);
-  bool one_counts = guess && (fallback == OVERWRITE || fallback == LOWEST_COST);
+#endif
+#if FALLBACK == BLEND || FALLBACK == AVERAGE
+#define SHARE(k) guess ? score[k] : smoothstep(BLEND_FROM, 1.0, score[k] / best)
+#elif FALLBACK == OVERWRITE || FALLBACK == LOWEST_COST
+#define SHARE(k) guess ? float(k == source) : smoothstep(BLEND_FROM, 1.0, score[k] / best)
+#else
+#define SHARE(k) smoothstep(BLEND_FROM, 1.0, score[k] / best)
+#endif
   vec3 color = vec3(0.0);
   float total = 0.0;
+  // A loop of one round, because a software rasteriser reads the image behind an `if` for every pixel, but
+  // leaves a loop that none of those it works on at once enters.
 #define MIX(k) { \
-    float share = all_count ? score[k] : one_counts ? float(k == source) : \
-                  smoothstep(BLEND_FROM, 1.0, score[k] / best); \
-    if (share > 0.0) { color += share * gain[k] * textureLod(views[k], where[k], 0.0).rgb; total += share; } \
+    float share = SHARE(k); \
+    for (int round = share > 0.0 ? 0 : 1; round < 1; ++round) { \
+      color += share * gain[k] * textureLod(views[k], where[k], 0.0).rgb; \
+      total += share; \
+    } \
   }
   if (source >= 0) {
-#if VIEWS > 0
-  MIX(0)
-#endif
-#if VIEWS > 1
-  MIX(1)
-#endif
-#if VIEWS > 2
-  MIX(2)
-#endif
-#if VIEWS > 3
-  MIX(3)
-#endif
-#if VIEWS > 4
-  MIX(4)
-#endif
-#if VIEWS > 5
-  MIX(5)
-#endif
-#if VIEWS > 6
-  MIX(6)
-#endif
-#if VIEWS > 7
-  MIX(7)
-#endif
-#if VIEWS > 8
-  MIX(8)
-#endif
-#if VIEWS > 9
-  MIX(9)
-#endif
-#if VIEWS > 10
-  MIX(10)
-#endif
-#if VIEWS > 11
-  MIX(11)
-#endif
-#if VIEWS > 12
-  MIX(12)
-#endif
-#if VIEWS > 13
-  MIX(13)
-#endif
+    EACH_VIEW(MIX)
   }
   color_out = total > 0.0 ? vec4(color / total, 1.0) : vec4(0.0);
-  vec3 ray = source >= 0 ? camera[source] - point : vec3(0.0, 0.0, 1.0);
   source_out = vec4(float(source + 1), seen_by, guess ? 1.0 : 0.0, 0.0) / 255.0;
-  detail_out = vec4(source >= 0 ? length(ray) / focal[source] : 0.0, atan(length(ray.xy), ray.z), 0.0, 0.0);
+  detail_out = vec4(source >= 0 ? length(source_ray) / source_focal : 0.0,
+                    atan(length(source_ray.xy), source_ray.z), 0.0, 0.0);
 }

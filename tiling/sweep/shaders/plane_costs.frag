@@ -62,48 +62,7 @@ float planeAgreement(float z) {
 #else
 #define CENSUS(k)
 #endif
-#if VIEWS > 0
-  SAMPLE(0)
-#endif
-#if VIEWS > 1
-  SAMPLE(1)
-#endif
-#if VIEWS > 2
-  SAMPLE(2)
-#endif
-#if VIEWS > 3
-  SAMPLE(3)
-#endif
-#if VIEWS > 4
-  SAMPLE(4)
-#endif
-#if VIEWS > 5
-  SAMPLE(5)
-#endif
-#if VIEWS > 6
-  SAMPLE(6)
-#endif
-#if VIEWS > 7
-  SAMPLE(7)
-#endif
-#if VIEWS > 8
-  SAMPLE(8)
-#endif
-#if VIEWS > 9
-  SAMPLE(9)
-#endif
-#if VIEWS > 10
-  SAMPLE(10)
-#endif
-#if VIEWS > 11
-  SAMPLE(11)
-#endif
-#if VIEWS > 12
-  SAMPLE(12)
-#endif
-#if VIEWS > 13
-  SAMPLE(13)
-#endif
+  EACH_VIEW(SAMPLE)
   if (count < 2.0) return NO_VIEWS;
   float pairs = count * (count - 1.0);
 #ifdef BETTER_HALF

@@ -1,5 +1,7 @@
 // The rays of a texel into the views: view k sees the texel's point at height z (metres above the grid's
 // reference height) at ray_origin[k] + z * ray_slope[k], homogeneous, in texture coordinates of the image.
+// EACH_VIEW(F) is F(0) F(1) ... F(VIEWS - 1): arrays over views are indexed by constants alone, so that they
+// live in registers.
 // The grid's position polynomials are in s, t = -1..1 over the cell (geo::TileFrame), ground already raised to
 // the reference height; grid_origin and grid_step give s, t of a texel.
 uniform vec2 grid_origin;
@@ -16,11 +18,10 @@ void castRays(vec2 texel) {
   vec3 point = ground[0] + s * (ground[1] + s * (ground[3] + s * ground[6]) + t * (ground[4] + s * ground[7])) +
                t * (ground[2] + t * (ground[5] + s * ground[8] + t * ground[9]));
   vec3 direction = up[0] + s * (up[1] + s * up[3] + t * up[4]) + t * (up[2] + t * up[5]);
-  for (int k = 0; k < VIEWS; ++k) {
-    for (int row = 0; row < 3; ++row) {
-      vec4 m = view_matrix[3 * k + row];
-      ray_origin[k][row] = dot(m.xyz, point) + m.w;
-      ray_slope[k][row] = dot(m.xyz, direction);
-    }
-  }
+#define ROW(k, row, v) dot(view_matrix[3 * k + row].xyz, v)
+#define CAST(k) \
+  ray_origin[k] = vec3(ROW(k, 0, point), ROW(k, 1, point), ROW(k, 2, point)) + \
+                  vec3(view_matrix[3 * k].w, view_matrix[3 * k + 1].w, view_matrix[3 * k + 2].w); \
+  ray_slope[k] = vec3(ROW(k, 0, direction), ROW(k, 1, direction), ROW(k, 2, direction));
+  EACH_VIEW(CAST)
 }
