@@ -176,10 +176,10 @@ vec3 solidAlbedo(uint material, uint tint, vec2 uv, float width) {
   float contrast = 0.45f;
   float joints = 0.0f;
   float piece = 0.5f;
-  for (int once = 0; once < (material == 0u ? 1 : 0); ++once) {  // poured in bays
+  if (material == 0u) {  // poured in bays
     joints = 0.5f * max(stripes(uv.x, 5.0f, 0.014f, width), stripes(uv.y, 5.0f, 0.014f, width));
   }
-  for (int once = 0; once < (material == 1u ? 1 : 0); ++once) {  // clay tiles: rows across the slope, each tile its own tone
+  if (material == 1u) {  // clay tiles: rows across the slope, each tile its own tone
     colour = toneOf(tint, vec3(0.330f, 0.110f, 0.058f), vec3(0.235f, 0.082f, 0.050f), vec3(0.160f, 0.085f, 0.062f));
     float row = floor(uv.y / 0.34f);
     float shift = 0.115f * step(0.5f, fract(row * 0.5f + 0.25f));
@@ -188,7 +188,7 @@ vec3 solidAlbedo(uint material, uint tint, vec2 uv, float width) {
     joints = 0.8f * stripes(uv.y, 0.34f, 0.16f, width) + 0.35f * stripes(uv.x + shift, 0.23f, 0.14f, width);
     contrast = 0.6f;
   }
-  for (int once = 0; once < (material == 2u ? 1 : 0); ++once) {  // slate
+  if (material == 2u) {  // slate
     colour = toneOf(tint, vec3(0.085f, 0.092f, 0.105f), vec3(0.125f, 0.125f, 0.130f), vec3(0.065f, 0.062f, 0.066f));
     float row = floor(uv.y / 0.22f);
     float shift = 0.15f * step(0.5f, fract(row * 0.5f + 0.25f));
@@ -197,13 +197,13 @@ vec3 solidAlbedo(uint material, uint tint, vec2 uv, float width) {
     joints = 0.6f * stripes(uv.y, 0.22f, 0.14f, width) + 0.3f * stripes(uv.x + shift, 0.30f, 0.07f, width);
     contrast = 0.55f;
   }
-  for (int once = 0; once < (material == 3u ? 1 : 0); ++once) {  // flat roof: bitumen sheets with gravel patches
+  if (material == 3u) {  // flat roof: bitumen sheets with gravel patches
     colour = toneOf(tint, vec3(0.155f, 0.152f, 0.150f), vec3(0.240f, 0.228f, 0.210f), vec3(0.330f, 0.322f, 0.310f));
     colour = colour * (1.0f - 0.5f * smoothstep(0.15f, 0.4f, coarse));
     joints = 0.5f * stripes(uv.x, 1.1f, 0.045f, width) + 0.3f * stripes(uv.y, 7.3f, 0.008f, width);
     contrast = 0.7f;
   }
-  for (int once = 0; once < (material == 4u ? 1 : 0); ++once) {  // plaster wall with windows
+  if (material == 4u) {  // plaster wall with windows
     colour = toneOf(tint, vec3(0.520f, 0.470f, 0.380f), vec3(0.600f, 0.590f, 0.560f), vec3(0.480f, 0.330f, 0.240f));
     float wx = abs(fract(uv.x / 2.6f) - 0.5f) * 2.6f;
     float wy = abs(fract(uv.y / 2.9f) - 0.55f) * 2.9f;
@@ -215,7 +215,7 @@ vec3 solidAlbedo(uint material, uint tint, vec2 uv, float width) {
     colour = mix(colour, vec3(0.03f, 0.04f, 0.05f) + vec3(0.25f, 0.22f, 0.18f) * step(0.7f, blind), glass);
     contrast = 0.25f;
   }
-  for (int once = 0; once < (material == 5u ? 1 : 0); ++once) {  // container: corrugated sheet
+  if (material == 5u) {  // container: corrugated sheet
     // One paint or another, never a mixture.
     float paint = unitOf(mixBits(tint * 0x9e3779b1u + 31u));
     colour = mix(vec3(0.300f, 0.060f, 0.040f), vec3(0.045f, 0.110f, 0.240f), step(0.3f, paint));
@@ -226,28 +226,28 @@ vec3 solidAlbedo(uint material, uint tint, vec2 uv, float width) {
     joints = 0.55f * stripes(uv.x, 0.28f, 0.35f, width);
     contrast = 0.35f;
   }
-  for (int once = 0; once < (material == 6u ? 1 : 0); ++once) {  // rock face: strata
+  if (material == 6u) {  // rock face: strata
     colour = mix(vec3(0.400f, 0.235f, 0.140f), vec3(0.560f, 0.420f, 0.290f),
                  clamp(0.5f + 0.9f * valueNoise(vec2(uv.y * 0.31f + 0.5f * coarse, uv.x * 0.013f), 0xb5297a4du), 0.0f, 1.0f));
     joints = 0.5f * stripes(uv.y + 0.8f * coarse, 1.9f, 0.10f, width);
     contrast = 0.8f;
   }
-  for (int once = 0; once < (material == 7u ? 1 : 0); ++once) {  // hedge
+  if (material == 7u) {  // hedge
     colour = mix(vec3(0.022f, 0.048f, 0.014f), vec3(0.085f, 0.135f, 0.040f), clamp(0.5f + 0.9f * fine, 0.0f, 1.0f));
     contrast = 0.9f;
   }
-  for (int once = 0; once < (material == 8u ? 1 : 0); ++once) {  // car paint and glass (v < 0 marks glass)
+  if (material == 8u) {  // car paint and glass (v < 0 marks glass)
     colour = toneOf(tint, vec3(0.620f, 0.620f, 0.630f), vec3(0.060f, 0.062f, 0.070f), vec3(0.250f, 0.030f, 0.030f));
     colour = mix(colour, vec3(0.020f, 0.024f, 0.030f), step(uv.y, 0.0f));
     contrast = 0.1f;
   }
-  for (int once = 0; once < (material == 9u ? 1 : 0); ++once) {  // timber: decks, sheds, fences
+  if (material == 9u) {  // timber: decks, sheds, fences
     colour = toneOf(tint, vec3(0.230f, 0.150f, 0.090f), vec3(0.300f, 0.250f, 0.200f), vec3(0.150f, 0.105f, 0.075f));
     piece = unitOf(cellHash(int(floor(uv.x / 0.14f)), 3, tint));
     joints = 0.7f * stripes(uv.x, 0.14f, 0.10f, width);
     contrast = 0.45f;
   }
-  for (int once = 0; once < (material == 10u ? 1 : 0); ++once) {  // rocky plateau
+  if (material == 10u) {  // rocky plateau
     colour = mix(vec3(0.270f, 0.175f, 0.110f), vec3(0.420f, 0.310f, 0.210f), clamp(0.5f + 0.9f * coarse, 0.0f, 1.0f));
     colour = mix(colour, vec3(0.085f, 0.100f, 0.045f), 0.8f * smoothstep(0.18f, 0.3f, fine + 0.5f * coarse));
     contrast = 0.8f;
