@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "capture/import/import_flight.h"
+#include "capture/import/survey.h"
 #include "daemon/cli/command.h"
 #include "daemon/cli/progress.h"
 #include "daemon/cli/scene_accuracy.h"
@@ -64,8 +65,8 @@ void printRow(const std::string& name, const tiling::ErrorStatistics& s) {
              s.points, s.complete, s.median, s.nmad, s.rmse, s.p90, s.p99, s.beyond_5, s.beyond_10);
 }
 
-Result<int> compareMap(const Arguments& arguments, std::span<const tiling::ReferencePoint> points,
-                       const Context& context);
+Result<int> compareMap(const Arguments& arguments, const capture::Flight& flight,
+                       std::span<const tiling::ReferencePoint> points, const Context& context);
 
 Result<int> run(const Arguments& arguments, const Context& context) {
   if (isScene(arguments.flight)) {
@@ -84,7 +85,7 @@ Result<int> run(const Arguments& arguments, const Context& context) {
   auto points = tiling::readReferencePoints(std::filesystem::path(arguments.flight) / "reference_points.csv",
                                             *flight->info().origin);
   if (!points) return tl::unexpected(points.error());
-  if (!arguments.map.empty()) return compareMap(arguments, *points, context);
+  if (!arguments.map.empty()) return compareMap(arguments, *flight, *points, context);
   auto gl_context = gl::Context::create();
   if (!gl_context) return tl::unexpected(gl_context.error());
 
@@ -150,7 +151,7 @@ struct FinishedMap {
   std::map<geo::TileKey, tiling::Tile> tiles;
   geo::TileLattice lattice = geo::TileLattice::webMercator();
   int zoom = 0;
-  double gsd_m = 0, anchor_px = 0.5;
+  double ground_height_m = 0, anchor_px = 0.5;
 };
 
 Result<FinishedMap> readMap(const std::string& file) {
@@ -165,8 +166,8 @@ Result<FinishedMap> readMap(const std::string& file) {
   map.zoom = meta->base_zoom;
   const nlohmann::json extra = nlohmann::json::parse(meta->extra, nullptr, false);
   if (extra.is_discarded() || !extra.contains("ground"))
-    return fail(ErrorCode::BadInput, file + " does not say its GSD");
-  map.gsd_m = extra["ground"].value("gsd_m", 0.0);
+    return fail(ErrorCode::BadInput, file + " does not say where its ground is");
+  map.ground_height_m = extra["ground"].value("height_m", 0.0);
   map.anchor_px = extra["ground"].value("anchor_px", 0.5);
   auto keys = reader->keys(map.zoom, tiling::Layer::Elevation, {}, SIZE_MAX);
   if (!keys) return tl::unexpected(keys.error());
@@ -178,15 +179,18 @@ Result<FinishedMap> readMap(const std::string& file) {
   return map;
 }
 
-Result<int> compareMap(const Arguments& arguments, std::span<const tiling::ReferencePoint> points,
-                       const Context& context) {
+Result<int> compareMap(const Arguments& arguments, const capture::Flight& flight,
+                       std::span<const tiling::ReferencePoint> points, const Context& context) {
   auto map = readMap(arguments.map);
   if (!map) return tl::unexpected(map.error());
+  // Of the flight: a map that was made in flight knows the GSD of its first frames alone.
+  auto survey = capture::surveyFlight(flight, map->ground_height_m);
+  if (!survey) return tl::unexpected(survey.error());
   const tiling::Comparison comparison = tiling::compare(map->tiles, map->lattice, map->zoom, map->anchor_px,
-                                                        points, map->gsd_m, arguments.track);
+                                                        points, survey->gsd_m, arguments.track);
   if (context.json) {
     fmt::print("{}\n", nlohmann::json{{"map", arguments.map},
-                                      {"gsd_m", map->gsd_m},
+                                      {"gsd_m", survey->gsd_m},
                                       {"tiles", map->tiles.size()},
                                       {"strong_track", comparison.strong_track},
                                       {"strong", asJson(comparison.strong)},
@@ -194,6 +198,8 @@ Result<int> compareMap(const Arguments& arguments, std::span<const tiling::Refer
                            .dump(2));
     return kOk;
   }
+  fmt::print("{}: {} tiles at zoom {}; GSD of the flight {:.2f} cm\n\n", arguments.map, map->tiles.size(),
+             map->zoom, 100 * survey->gsd_m);
   printHeader();
   printRow(fmt::format("strong (track >= {})", comparison.strong_track), comparison.strong);
   printRow("all", comparison.all);
