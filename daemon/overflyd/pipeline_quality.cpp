@@ -19,6 +19,9 @@ namespace {
 constexpr std::size_t kImprovedAtOnce = 4;  // cells made better before it looks again whether frames came
 constexpr std::int64_t kHeatLook_ns = 5'000'000'000;
 constexpr double kLongestRest_s = 1;
+// After the last frame nobody waits for the next one: what can be swept at the last point in so long is not
+// swept at a faster one first, to be swept, blended and coloured a second time.
+constexpr double kLandingPatience_s = 60;
 
 // In deviceFolder().
 constexpr const char* kTableFile =
@@ -118,7 +121,10 @@ Result<bool> Pipeline::sweepAtPoint(tiling::Mapper& mapper, const geo::TileKey& 
                          .headroom = throttling_.headroom});
   const bool improving = improving_.erase(cell) > 0;
   only_improving_ = improving;
-  const std::size_t point = improving ? governor_->best() : governed;
+  const bool in_one_go = landed_ && static_cast<double>(scheduler_->worthTiles()) *
+                                            governor_->secondsPerCell(governor_->best()) <
+                                        kLandingPatience_s;
+  const std::size_t point = improving || in_one_go ? governor_->best() : governed;
   mapper.setOptions(optionsAt(point));
   const std::uint64_t swept_before = mapper.statistics().cells_swept;
   auto changed = onGl("sweep", [&] { return mapper.sweepCell(cell); });
