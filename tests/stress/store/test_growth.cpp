@@ -13,6 +13,13 @@
 #include "tiling/store/store_writer.h"
 #include "tiling/store/tile_codec.h"
 
+#ifdef __SANITIZE_ADDRESS__
+// Freed memory that the sanitizer keeps would count as the map's.
+extern "C" const char* __asan_default_options() {  // NOLINT(*-reserved-identifier): the sanitizer's name
+  return "quarantine_size_mb=1:thread_local_quarantine_size_kb=64";
+}
+#endif
+
 namespace overfly::tiling {
 namespace {
 
