@@ -18,7 +18,7 @@ std::vector<Asset> load() {
     const auto& file = kPacked[i];
     const std::string_view bytes(file.begin, static_cast<std::size_t>(file.end - file.begin));
     std::uint64_t hash = 0xcbf29ce484222325ull;  // FNV-1a
-    for (const unsigned char c : bytes) hash = (hash ^ c) * 0x100000001b3ull;
+    for (const char c : bytes) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3ull;
     std::array<char, 24> etag{};
     std::snprintf(etag.data(), etag.size(), "\"%016llx\"", static_cast<unsigned long long>(hash));
     out.push_back({file.path, file.media_type, bytes, etag.data()});

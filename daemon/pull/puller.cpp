@@ -442,7 +442,7 @@ struct Puller::Impl {
     }
     if (!changed) return;
     std::ranges::sort(tiles);
-    tiles.erase(std::ranges::unique(tiles).begin(), tiles.end());
+    tiles.erase(std::unique(tiles.begin(), tiles.end()), tiles.end());
     wants.lookAt(tiles);
     if (tiles.empty() || Clock::now() - look_list_at < kLookPause || requests >= dataConnections()) return;
     look_list_at = Clock::now();

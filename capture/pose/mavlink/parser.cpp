@@ -21,7 +21,7 @@ std::optional<Frame> frameAt(std::span<const std::uint8_t> bytes) {
   if (second && bytes.size() > 2 && (bytes[2] & ~kSignedFlag) != 0) return std::nullopt;
   if (bytes.size() < frame.header) return frame;
   frame.payload = bytes[1];
-  frame.id = second ? bytes[7] | bytes[8] << 8 | bytes[9] << 16 : bytes[5];
+  frame.id = static_cast<std::uint32_t>(second ? bytes[7] | bytes[8] << 8 | bytes[9] << 16 : bytes[5]);
   frame.total =
       frame.header + frame.payload + kChecksum + (second && (bytes[2] & kSignedFlag) != 0 ? kSignature : 0);
   return frame;

@@ -20,7 +20,7 @@ constexpr int kColorQuality = 82;
 class Hash {
  public:
   void add(std::string_view bytes) {
-    for (const unsigned char c : bytes) state_ = (state_ ^ c) * 0x100000001b3ull;
+    for (const char c : bytes) state_ = (state_ ^ static_cast<unsigned char>(c)) * 0x100000001b3ull;
   }
   template <typename T>
   requires std::is_integral_v<T>
