@@ -69,7 +69,7 @@ TEST(ImageDecode, WordsHoldTheSamePixelsAsRgb) {
   rgb.height = 37;
   rgb.stride = 3 * rgb.width + 5;
   for (int i = 0; i < rgb.stride * rgb.height; ++i)
-    rgb.bytes.push_back(static_cast<std::uint8_t>((i * 2654435761U) >> 13));
+    rgb.bytes.push_back(static_cast<std::uint8_t>((static_cast<unsigned>(i) * 2654435761U) >> 13));
   Image bgr = rgb;
   bgr.format = PixelFormat::Bgr8;
   for (const Image& image : {rgb, bgr, *encodeJpeg(rgb, 90), *decodeImage(rgb, PixelFormat::Grey8)})
