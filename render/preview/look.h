@@ -19,6 +19,11 @@ struct Look {
   double relief = 0.4;         // 0: colours as they are; 1: shaded by the sun alone
   double sun_heading = 5.498;  // where the sun stands, radians: north-west
   double sun_height = 0.785;
+  // Steep sides take their colour from so many photographs at most (thesis, chapter 6), 0 to
+  // ProjectorTextures::kMost; more show more sides and cost a ray each where they do not.
+  int projectors = 0;
+  double projector_angle = 0.78539816;  // largest between a photograph's viewing direction and this view's
+  double lateral_slope = 0.78539816;    // from which a surface is a side, radians; 0: everything is
   // Levels coarser than a pixel's footprint are drawn where this is on (l_opt of 4.2.3); the finest
   // everywhere where it is off.
   bool level_of_detail = true;

@@ -13,6 +13,7 @@ void Previewer::reset() {
   cache_.reset();
   textures_.reset();
   caster_ = RayCaster(context_);
+  projectors_.reset();
   focus_.reset();
 }
 
@@ -61,6 +62,35 @@ Result<ClipCache::Update> Previewer::update(const View& view, const ClipCache::B
   return update;
 }
 
+Result<void> Previewer::updateProjectors(const View& view, const Look& look, int loads) {
+  if (look.projectors <= 0 || projector_source_ == nullptr) {
+    projectors_.reset();
+    caster_.project(nullptr);
+    return {};
+  }
+  if (!projectors_) {
+    auto made = ProjectorTextures::create(context_, {});
+    if (!made) return tl::unexpected(made.error());
+    projectors_ = std::move(*made);
+  }
+  const Domain& domain = cache_->domain();
+  ProjectorQuery query{view, 0, std::min(look.projectors, ProjectorTextures::kMost), look.projector_angle};
+  // As far as the ground's lowest plane in the picture's corners, and no farther than the map's other end.
+  const double above = std::max(view.position.height_m - cache_->lowest(), 1.0);
+  const Eigen::Vector2d middle = (domain.minTexel() + domain.maxTexel()) / 2 - frame_->cell.cast<double>();
+  const double end =
+      (middle.norm() + (domain.maxTexel() - domain.minTexel()).norm() / 2) * domain.texelSize() + above;
+  for (int i = 0; i < 4; ++i) {
+    const Eigen::Vector3d d = view.direction((i & 1) * view.width, (i >> 1) * view.height);
+    query.far_m = std::max(query.far_m, d.z() < -1e-3 ? std::min(above / -d.z(), end) : end);
+  }
+  const auto chosen = projector_source_->choose(query);
+  if (!chosen) return tl::unexpected(chosen.error());
+  projectors_->update(*projector_source_, *chosen, loads);
+  caster_.project(&*projectors_);
+  return {};
+}
+
 Result<ClipCache::Update> Previewer::refine(const View& view, const Look& look,
                                             const ClipCache::Budget& budget) {
   if (auto prepared = prepare(look); !prepared) return tl::unexpected(prepared.error());
@@ -73,9 +103,10 @@ Result<Previewer::Frame> Previewer::draw(const View& view, const Look& look, con
   if (!updated) return tl::unexpected(updated.error());
   if (!cache_->ready())
     return fail(ErrorCode::Unavailable, "the map's tiles are still being read; ask again");
+  if (auto ready = updateProjectors(view, look, 1); !ready) return tl::unexpected(ready.error());
   auto picture = caster_.draw(view, *frame_, look, *cache_, *textures_, hits);
   if (!picture) return tl::unexpected(picture.error());
-  return Frame{std::move(*picture), *updated, 1};
+  return Frame{std::move(*picture), *updated, 1, projectors_ ? projectors_->count() : 0};
 }
 
 Result<Previewer::Frame> Previewer::drawSettled(const View& view, const Look& look, bool hits) {
@@ -86,16 +117,20 @@ Result<Previewer::Frame> Previewer::drawSettled(const View& view, const Look& lo
   int rounds = 0;
   Result<ClipCache::Update> updated = ClipCache::Update{};
   for (; rounds < kRounds; ++rounds) {
+    // Before the map's top is there the ground's height is a guess, and so is what the view calls for.
+    const bool guess = !cache_->ready();
     updated = update(view, {});
     if (!updated) return tl::unexpected(updated.error());
-    if (rounds > 0 && cache_->ready() && updated->settled()) break;
+    if (rounds > 0 && !guess && updated->settled()) break;
     while (ram_.loadNext()) {
     }
   }
   if (!cache_->ready()) return fail(ErrorCode::NotFound, "the map has no elevation to draw yet");
+  if (auto ready = updateProjectors(view, look, ProjectorTextures::kMost); !ready)
+    return tl::unexpected(ready.error());
   auto picture = caster_.draw(view, *frame_, look, *cache_, *textures_, hits);
   if (!picture) return tl::unexpected(picture.error());
-  return Frame{std::move(*picture), *updated, rounds};
+  return Frame{std::move(*picture), *updated, rounds, projectors_ ? projectors_->count() : 0};
 }
 
 geo::Geodetic Previewer::placeOf(const RayHit& hit) const {

@@ -22,6 +22,7 @@ class Previewer {
     Picture picture;
     ClipCache::Update update;
     int refinements = 0;  // of updates made for this picture
+    int projectors = 0;   // photographs that were there for it
   };
 
   // `ram` and its source outlive the previewer.
@@ -38,6 +39,9 @@ class Previewer {
                                                  const ClipCache::Budget& budget);
   // The best picture there is: loads and uploads all that the view calls for first, on this thread.
   [[nodiscard]] Result<Frame> drawSettled(const View& view, const Look& look, bool hits = false);
+  // Where the photographs for Look::projectors come from; null: there are none. It outlives the previewer.
+  // draw() loads at most one of them, drawSettled() all.
+  void setProjectors(ProjectorSource* source) { projector_source_ = source; }
   // Drops what is in GPU memory: after a lost context's objects are gone, and to change Look::no_data.
   void reset();
 
@@ -53,6 +57,7 @@ class Previewer {
  private:
   [[nodiscard]] Result<void> prepare(const Look& look);
   [[nodiscard]] Result<ClipCache::Update> update(const View& view, const ClipCache::Budget& budget);
+  [[nodiscard]] Result<void> updateProjectors(const View& view, const Look& look, int loads);
 
   gl::Context& context_;
   RamCache& ram_;
@@ -60,6 +65,8 @@ class Previewer {
   RayCaster caster_;
   std::unique_ptr<MapTextures> textures_;
   std::unique_ptr<ClipCache> cache_;  // after the textures that it writes to
+  ProjectorSource* projector_source_ = nullptr;
+  std::optional<ProjectorTextures> projectors_;
   NoData no_data_ = NoData::Hole;
   std::optional<RayFrame> frame_;
   std::optional<Focus> focus_;

@@ -21,6 +21,7 @@ constexpr ShaderFile kSurface{"surface.glsl", text::surface_glsl};
 constexpr ShaderFile kTraverse{"traverse.glsl", text::traverse_glsl};
 constexpr ShaderFile kColor{"color.glsl", text::color_glsl};
 constexpr ShaderFile kShade{"shade.glsl", text::shade_glsl};
+constexpr ShaderFile kLateral{"lateral.glsl", text::lateral_glsl};
 constexpr ShaderFile kPreview{"preview.frag", text::preview_frag};
 constexpr ShaderFile kRays{"rays.frag", text::rays_frag};
 
@@ -84,7 +85,7 @@ Result<gl::Program*> RayCaster::program(const std::string& fragment, const std::
   if (fragment == kRays.name) {
     files.push_back(kRays);
   } else {
-    files.insert(files.end(), {kColor, kShade, kPreview});
+    files.insert(files.end(), {kColor, kShade, kLateral, kPreview});
   }
   auto made = gl::Program::fullScreen(*context_, files, defines);
   if (!made) return tl::unexpected(made.error());
@@ -154,7 +155,9 @@ Result<RayCaster::Targets*> RayCaster::render(const View& view, const RayFrame& 
   defines.push_back({"MODE", std::to_string(static_cast<int>(look.mode))});
   defines.push_back({"SHADOWS", look.shadows ? "1" : "0"});
   defines.push_back({"PATCH", look.no_data == NoData::Patch ? "1" : "0"});
-  defines.push_back({"PROJECTORS", "0"});
+  const bool project = projectors_ != nullptr && look.projectors > 0 && look.mode == Mode::Color;
+  const int projectors = project ? projectors_->count() : 0;
+  defines.push_back({"PROJECTORS", std::to_string(projectors)});
   defines.push_back({"PYRAMID", pyramid_ ? "1" : "0"});
   if (hits) defines.push_back({"HITS"});
   auto made = program(std::string(kPreview.name), defines);
@@ -184,6 +187,14 @@ Result<RayCaster::Targets*> RayCaster::render(const View& view, const RayFrame& 
                                static_cast<float>(std::sin(look.sun_height))));
   p.set("value_range", Eigen::Vector2f(static_cast<float>(cache.lowest() - frame.base_height_m),
                                        static_cast<float>(cache.highest() - frame.base_height_m)));
+  if (projectors > 0) {
+    projectors_->bind(p, MapTextures::kUnits, view);
+    constexpr double kBlend = 0.2;  // radians between the least steep side and one without the orthophoto
+    p.set("lateral", look.lateral_slope > 0
+                         ? Eigen::Vector2f(static_cast<float>(std::cos(look.lateral_slope)),
+                                           static_cast<float>(std::cos(look.lateral_slope + kBlend)))
+                         : Eigen::Vector2f(3, 2));  // every normal's height is less
+  }
   p.set("sky_low", Eigen::Vector3f(0.80F, 0.87F, 0.93F));
   p.set("sky_high", Eigen::Vector3f(0.36F, 0.56F, 0.80F));
   p.set("nothing", Eigen::Vector3f(0.22F, 0.24F, 0.27F));

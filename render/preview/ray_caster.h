@@ -11,6 +11,7 @@
 #include "render/preview/clip_cache.h"
 #include "render/preview/look.h"
 #include "render/preview/map_textures.h"
+#include "render/preview/projector_textures.h"
 #include "render/preview/view.h"
 
 namespace overfly::preview {
@@ -53,6 +54,9 @@ class RayCaster {
   [[nodiscard]] Result<std::vector<RayHit>> cast(std::span<const SingleRay> rays, const RayFrame& frame,
                                                  Surface surface, double length_m, const ClipCache& cache,
                                                  const MapTextures& textures);
+  // The photographs for pictures whose look asks for some (Look::projectors), from now on; null: none. They
+  // outlive the caster, or this is called again.
+  void project(const ProjectorTextures* projectors) { projectors_ = projectors; }
   // For comparisons: start every ray at level 0 and never go up, as if there were no pyramid.
   void usePyramid(bool use) { pyramid_ = use; }
 
@@ -72,6 +76,7 @@ class RayCaster {
   gl::Context* context_;
   std::map<std::string, gl::Program> programs_;
   std::map<std::string, Targets> targets_;
+  const ProjectorTextures* projectors_ = nullptr;
   bool pyramid_ = true;
 };
 

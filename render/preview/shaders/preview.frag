@@ -2,8 +2,6 @@
 // 1 elevation, 2 quality, 3 age, 4 level), SHADOWS, PATCH, PROJECTORS (their number), HITS.
 uniform mat3 enu_from_camera;
 uniform vec3 camera;       // focal length and centre, pixels
-uniform mat3 per_metre;    // map coordinates per metre of East-North-Up
-uniform mat3 bend_x, bend_y, bend_z;
 uniform vec2 start;        // the camera within origin_cell
 uniform vec2 start_height; // a sum
 uniform float lod_per_metre;  // levels of detail: 0 for the finest everywhere
@@ -15,8 +13,6 @@ layout(location = 0) out vec4 color;
 layout(location = 1) out uvec4 where;
 layout(location = 2) out uvec4 how;
 #endif
-
-vec3 curve(vec3 d) { return vec3(dot(d, bend_x * d), dot(d, bend_y * d), dot(d, bend_z * d)); }
 
 void main() {
   vec3 ahead = vec3((gl_FragCoord.xy - camera.yz) / camera.x, 1.0);
@@ -37,6 +33,11 @@ void main() {
   vec3 normal = normalAt(hit, slope, ray.along);
   bool wall = hit.at_entry && hit.entered != 0;
   float finest = float(hit.level) + hit.tau;
+#if SHADOWS || PROJECTORS > 0
+  // Where secondary rays begin, clear of the surface that they leave.
+  float lift = 0.6 * texel_metres * power2(hit.level) + 1e-4 * hit.t;
+  vec3 above = hit.fraction + per_metre * (normal * lift);
+#endif
   vec3 shown = vec3(0.62, 0.62, 0.60);
 #if MODE == 0
   // The pixel's neighbours on the tangent plane.
@@ -54,7 +55,11 @@ void main() {
   vec4 sampled = filteredColor(positionOf(hit), px, py, lod_per_metre > 0.0 ? floor(finest) - 1.0 : 0.0);
   if (sampled.a > 0.02) shown = sampled.rgb / sampled.a;
 #if PROJECTORS > 0
-  shown = lateralColor(hit, normal, shown);
+  float side = 1.0 - smoothstep(lateral.y, lateral.x, normal.z);
+  if (side > 0.0) {
+    vec4 projected = projectedColor(hit, direction, normal, above, finest);
+    shown = mix(shown, projected.rgb, side * projected.a);
+  }
 #endif
 #elif MODE == 1
   shown = ramp((hit.fraction.z - value_range.x) / max(value_range.y - value_range.x, 1e-3));
@@ -73,9 +78,7 @@ void main() {
 #endif
   bool lit = true;
 #if SHADOWS
-  float lift = 0.6 * texel_metres * power2(hit.level) + 1e-4 * hit.t;
-  vec3 from = hit.fraction + per_metre * (normal * lift);
-  Ray to_sun = Ray(hit.place, from.xy, vec2(from.z, 0.0), per_metre * sun, vec3(0.0), curve(sun));
+  Ray to_sun = Ray(hit.place, above.xy, vec2(above.z, 0.0), per_metre * sun, vec3(0.0), curve(sun));
   lit = !traverse(to_sun, max_distance, finest, 0.0).found;
 #endif
   color = vec4(clamp(shown * lightOn(normal, lit), 0.0, 1.0), 1.0);

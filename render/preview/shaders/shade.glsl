@@ -1,8 +1,13 @@
 // How a point of the surface looks.
+uniform mat3 per_metre;       // map coordinates per metre of East-North-Up at the camera
+uniform mat3 bend_x, bend_y, bend_z;
 uniform vec3 sun;             // East-North-Up, unit length
 uniform float relief;         // 0: colours as they are; 1: lit by the sun alone
 uniform float texel_metres;   // of level 0
 uniform vec2 value_range;     // of the false colours
+
+// Second order of a straight line in the map's coordinates.
+vec3 curve(vec3 d) { return vec3(dot(d, bend_x * d), dot(d, bend_y * d), dot(d, bend_z * d)); }
 
 const float AMBIENT = 0.45;
 

@@ -11,6 +11,7 @@
 #include "render/preview/previewer.h"
 #include "render/preview/reference_caster.h"
 #include "tests/unit/gl/gl_fixture.h"
+#include "tests/unit/preview/photo_ring.h"
 #include "tests/unit/preview/synthetic_map.h"
 
 namespace overfly::preview {
@@ -65,6 +66,10 @@ std::vector<Golden> goldens() {
       "quality", [](Look& l) { l.mode = Mode::Quality; }, false);
   add(
       "age", [](Look& l) { l.mode = Mode::Age; }, false);
+  add("lateral", [](Look& l) {
+    l.projectors = 3;
+    l.relief = 0.2;
+  });
   add(
       "level",
       [](Look& l) {
@@ -88,7 +93,19 @@ TEST_F(Pictures, LookAsTheyDid) {
   const bool write = std::getenv("OVERFLY_WRITE_GOLDEN") != nullptr;
   SyntheticMap map({}, test::holedHeight);
   RamCache ram(map);
+  // Walls of bricks, another colour from each photograph.
+  test::PhotoRing photos(
+      {viewOf(map, 130, 400, 26, 35, -35), viewOf(map, 270, 400, 26, -35, -35),
+       viewOf(map, 200, 390, 40, 0, -40)},
+      [](double u, double v, std::size_t index) {
+        const int row = static_cast<int>(60 * v);
+        const double along = 40 * u + 0.5 * (row % 2);
+        const bool joint = 60 * v - row < 0.15 || along - std::floor(along) < 0.1;
+        const auto shade = static_cast<std::uint8_t>(90 + 50 * index);
+        return joint ? test::PhotoRing::Rgb{225, 225, 215} : test::PhotoRing::Rgb{230, shade, 60};
+      });
   Previewer previewer(context(), ram);
+  previewer.setProjectors(&photos);
   for (const Golden& golden : goldens()) {
     const View view = golden.near ? viewOf(map, 200, 330, 14, 0, -22) : viewOf(map, 190, 520, 45, 0, -30);
     const auto frame = previewer.drawSettled(view, golden.look);
@@ -117,6 +134,19 @@ TEST_F(Pictures, LookAsTheyDid) {
       }
     EXPECT_LE(beyond, kShare * view.width * view.height) << golden.name;
   }
+}
+
+// What a view calls for depends on the ground's height, which is a guess until the first tiles are there.
+TEST_F(Pictures, TheFirstOfAMapIsAsFineAsTheNext) {
+  SyntheticMap map({}, test::townHeight);
+  RamCache ram(map);
+  Previewer previewer(context(), ram);
+  const View view = viewOf(map, 200, 330, 14, 0, -22);
+  const auto first = previewer.drawSettled(view, {});
+  ASSERT_TRUE(first.has_value()) << first.error().message;
+  const auto second = previewer.drawSettled(view, {});
+  ASSERT_TRUE(second.has_value()) << second.error().message;
+  EXPECT_EQ(first->picture.rgba, second->picture.rgba);
 }
 
 TEST_F(Pictures, ThePlaceUnderAPixelIsWhereTheRayMeetsTheGround) {
