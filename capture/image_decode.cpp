@@ -4,7 +4,6 @@
 #include <turbojpeg.h>
 
 #include <algorithm>
-#include <bit>
 #include <cstring>
 #include <memory>
 
@@ -147,6 +146,41 @@ Image shrink(const Image& source, int divide) {
   return image;
 }
 
+// Cells of kDivide x kDivide pixels of three bytes to words, averaged; rows are summed first, along memory.
+template <int kDivide>
+void shrinkToWords(const Image& image, bool blue_first, std::uint8_t* out) {
+  const std::size_t red = blue_first ? 2 : 0, blue = 2 - red;
+  const auto stride = static_cast<std::size_t>(image.stride);
+  const int width = (image.width + kDivide - 1) / kDivide, height = (image.height + kDivide - 1) / kDivide;
+  std::vector<std::uint16_t> sums(3 * static_cast<std::size_t>(image.width));
+  const auto cell = [&](int columns, int rows, const std::uint16_t* sum) {
+    unsigned total[3] = {0, 0, 0};
+    for (int i = 0; i < columns; ++i, sum += 3)
+      for (std::size_t c = 0; c < 3; ++c) total[c] += sum[c];
+    const auto count = static_cast<unsigned>(rows * columns);
+    out[0] = static_cast<std::uint8_t>((total[red] + count / 2) / count);
+    out[1] = static_cast<std::uint8_t>((total[1] + count / 2) / count);
+    out[2] = static_cast<std::uint8_t>((total[blue] + count / 2) / count);
+    out[3] = 0;
+    out += 4;
+  };
+  for (int y = 0; y < height; ++y) {
+    const int rows = std::min(kDivide, image.height - y * kDivide);
+    const std::uint8_t* in = image.bytes.data() + static_cast<std::size_t>(y * kDivide) * stride;
+    std::copy_n(in, sums.size(), sums.begin());
+    for (int j = 1; j < rows; ++j) {
+      in += stride;
+      for (std::size_t i = 0; i < sums.size(); ++i) sums[i] = static_cast<std::uint16_t>(sums[i] + in[i]);
+    }
+    const std::uint16_t* sum = sums.data();
+    // Whole cells: the compiler knows their size.
+    const int whole = rows == kDivide ? image.width / kDivide : 0;
+    for (int x = 0; x < whole; ++x, sum += 3 * kDivide) cell(kDivide, kDivide, sum);
+    for (int x = whole; x < width; ++x, sum += 3 * kDivide)
+      cell(std::min(kDivide, image.width - x * kDivide), rows, sum);
+  }
+}
+
 }  // namespace
 
 Result<ImageSize> jpegSize(std::span<const std::uint8_t> jpeg) {
@@ -191,11 +225,12 @@ Result<Image> decodeImage(const Image& image, PixelFormat format, int divide) {
   return divide == 1 ? std::move(plain) : shrink(plain, divide);
 }
 
-Result<WordImage> decodeImageWords(const Image& image, int divide) {
+Result<WordImage> decodeImageWords(const Image& image, int divide, std::vector<std::uint8_t>&& reuse) {
   if (divide != 1 && divide != 2 && divide != 4 && divide != 8)
     return fail(ErrorCode::Unsupported, fmt::format("images are divided by 1, 2, 4 or 8, not by {}", divide));
   if (const auto problem = problemOf(image)) return fail(ErrorCode::BadInput, *problem);
   WordImage words;
+  words.rgbx = std::move(reuse);
   const auto allocate = [&words](const ImageSize& size) {
     words.width = size.width;
     words.height = size.height;
@@ -209,39 +244,18 @@ Result<WordImage> decodeImageWords(const Image& image, int divide) {
   }
   if (image.format != PixelFormat::Rgb8 && image.format != PixelFormat::Bgr8) {
     const Image plain = convert(image, PixelFormat::Rgb8);
-    return decodeImageWords(plain, divide);
+    return decodeImageWords(plain, divide, std::move(words.rgbx));
   }
   std::uint8_t* out = allocate({(image.width + divide - 1) / divide, (image.height + divide - 1) / divide});
-  const std::size_t red = image.format == PixelFormat::Bgr8 ? 2 : 0;
-  const auto stride = static_cast<std::size_t>(image.stride);
-  std::vector<std::uint16_t> sums(3 * static_cast<std::size_t>(image.width));
-  for (int y = 0; y < words.height; ++y) {
-    // Rows are summed first, along memory; then the columns.
-    const int rows = std::min(divide, image.height - y * divide);
-    const std::uint8_t* in = image.bytes.data() + static_cast<std::size_t>(y * divide) * stride;
-    std::copy_n(in, sums.size(), sums.begin());
-    for (int j = 1; j < rows; ++j) {
-      in += stride;
-      for (std::size_t i = 0; i < sums.size(); ++i) sums[i] = static_cast<std::uint16_t>(sums[i] + in[i]);
-    }
-    for (int x = 0; x < words.width; ++x, out += 4) {
-      const int columns = std::min(divide, image.width - x * divide);
-      const std::uint16_t* sum = sums.data() + 3 * static_cast<std::size_t>(x * divide);
-      const auto count = static_cast<unsigned>(rows * columns);
-      unsigned total[3] = {0, 0, 0};
-      for (int i = 0; i < columns; ++i, sum += 3)
-        for (std::size_t c = 0; c < 3; ++c) total[c] += sum[c];
-      const bool whole = rows == divide && columns == divide;
-      for (std::size_t c = 0; c < 3; ++c) {
-        const unsigned t = total[c == 1 ? 1 : c == 0 ? red : 2 - red];
-        // A whole cell divides by a power of two.
-        out[c] = static_cast<std::uint8_t>(
-            whole ? (t + count / 2) >>
-                        (2 * static_cast<unsigned>(std::countr_zero(static_cast<unsigned>(divide))))
-                  : (t + count / 2) / count);
-      }
-    }
-  }
+  const bool blue_first = image.format == PixelFormat::Bgr8;
+  if (divide == 1)
+    shrinkToWords<1>(image, blue_first, out);
+  else if (divide == 2)
+    shrinkToWords<2>(image, blue_first, out);
+  else if (divide == 4)
+    shrinkToWords<4>(image, blue_first, out);
+  else
+    shrinkToWords<8>(image, blue_first, out);
   return words;
 }
 

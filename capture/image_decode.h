@@ -38,8 +38,10 @@ struct WordImage {
   std::vector<std::uint8_t> rgbx;
 };
 // The same as decodeImage() to Rgb8, in words: what the CPU samples fastest, in one pass from a JPEG, Rgb8 or
-// Bgr8. Reentrant.
-[[nodiscard]] Result<WordImage> decodeImageWords(const Image& image, int divide = 1);
+// Bgr8. `reuse`: memory for rgbx, of an image that is no longer needed; it saves the kernel's clearing of new
+// pages, which costs as much as the decoding. Reentrant.
+[[nodiscard]] Result<WordImage> decodeImageWords(const Image& image, int divide = 1,
+                                                 std::vector<std::uint8_t>&& reuse = {});
 
 // A JPEG of a plain image (Grey8, Nv12, Rgb8, Bgr8), quality 1..100. BadInput as above.
 [[nodiscard]] Result<Image> encodeJpeg(const Image& image, int quality);

@@ -18,4 +18,10 @@ namespace overfly::tiling {
 // All children are of one size, which is even.
 [[nodiscard]] Tile makeParent(const geo::TileKey& key, const std::array<const Tile*, 4>& children);
 
+// makeParent() in two steps for tiles without heights, so that a child can be kept as what its parent needs
+// of it, a quarter of its bytes: joinHalves of the halved children is makeParent of the children, bit for
+// bit. `halves`: nullptr where there is no child; all of one size.
+[[nodiscard]] Tile halved(const Tile& child);
+[[nodiscard]] Tile joinHalves(const geo::TileKey& key, const std::array<const Tile*, 4>& halves);
+
 }  // namespace overfly::tiling

@@ -9,10 +9,11 @@
 
 namespace overfly::tiling {
 
-Result<PlanarImage> decodeForPlane(const capture::Frame& frame, double gsd_m, double texel_m) {
+Result<PlanarImage> decodeForPlane(const capture::Frame& frame, double gsd_m, double texel_m,
+                                   std::vector<std::uint8_t>&& reuse) {
   int reduction = 1;
   while (reduction < 8 && gsd_m * 2 * reduction <= texel_m) reduction *= 2;
-  auto decoded = capture::decodeImageWords(frame.image, reduction);
+  auto decoded = capture::decodeImageWords(frame.image, reduction, std::move(reuse));
   if (!decoded) return tl::unexpected(decoded.error());
   PlanarImage image;
   image.camera = frame.camera.scaled(1.0 / reduction);

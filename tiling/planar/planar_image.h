@@ -20,7 +20,9 @@ using PlanarImagePtr = std::shared_ptr<const PlanarImage>;
 
 // Decodes a frame, reduced by the largest of 1, 2, 4, 8 at which a pixel still shows no more ground than a
 // texel, so that a bilinear read neither loses detail nor skips much. `gsd_m`: of the full picture.
+// `reuse`: memory for the pixels, of an image that is no longer needed.
 // BadInput: no picture of the camera's size. Reentrant.
-[[nodiscard]] Result<PlanarImage> decodeForPlane(const capture::Frame& frame, double gsd_m, double texel_m);
+[[nodiscard]] Result<PlanarImage> decodeForPlane(const capture::Frame& frame, double gsd_m, double texel_m,
+                                                 std::vector<std::uint8_t>&& reuse = {});
 
 }  // namespace overfly::tiling

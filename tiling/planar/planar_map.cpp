@@ -4,9 +4,8 @@
 #include <time.h>
 
 #include <algorithm>
-#include <atomic>
 #include <chrono>
-#include <set>
+#include <optional>
 #include <utility>
 
 #include "tiling/clipmap/parent.h"
@@ -23,27 +22,6 @@ double threadCpu_s() {
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
-// Calls body(i) for 0 <= i < count on so many threads, this one included; the first error ends it.
-template <typename Body>
-Result<void> inParallel(std::size_t count, int threads, const Body& body) {
-  std::atomic<std::size_t> next = 0;
-  const auto run = [&]() -> Result<void> {
-    for (std::size_t i; (i = next++) < count;)
-      if (Result<void> done = body(i); !done) {
-        next = count;
-        return done;
-      }
-    return {};
-  };
-  std::vector<std::future<Result<void>>> others;
-  for (std::size_t k = 1; k < std::min(static_cast<std::size_t>(std::max(1, threads)), count); ++k)
-    others.push_back(std::async(std::launch::async, run));
-  Result<void> result = run();
-  for (auto& other : others)
-    if (Result<void> done = other.get(); !done && result) result = std::move(done);
-  return result;
-}
-
 PlaneBox boxOf(const std::array<Eigen::Vector2d, 4>& polygon) {
   PlaneBox box{polygon[0].x(), polygon[0].y(), polygon[0].x(), polygon[0].y()};
   for (const Eigen::Vector2d& corner : polygon)
@@ -52,20 +30,8 @@ PlaneBox boxOf(const std::array<Eigen::Vector2d, 4>& polygon) {
   return box;
 }
 
-// A tile as its parents are to see it: colours as readers will decode them, so that a parent is a function of
-// what is stored, whether its children come from memory or from the store; and no more than they need.
-Result<void> asStored(Tile& tile, const TileWrite& write) {
-  tile.source = {};
-  for (const EncodedLayer& layer : write.layers) {
-    if (layer.layer != Layer::Color) continue;
-    auto color = decodeColor(layer.codec, layer.bytes, tile.size);
-    if (!color) return tl::unexpected(color.error());
-    tile.color = std::move(*color);
-  }
-  return {};
-}
-
-std::size_t bytesOf(const Tile& tile) { return tile.color.size() + tile.kind.size() + tile.gsd.size(); }
+constexpr std::size_t kSpareImages = 4;
+constexpr std::size_t kSpareTiles = 16;
 
 }  // namespace
 
@@ -92,18 +58,32 @@ PlanarMap::PlanarMap(MapStore store, MapReader reader, geo::TileLattice lattice,
       base_zoom_(writer_.meta().base_zoom),
       index_(lattice_),
       scheduler_(base_zoom_, {}),
-      images_(options.image_bytes) {}
+      spare_(std::make_shared<SparePixels>()),
+      images_(options.image_bytes),
+      workers_(options.threads) {}
 
 PlanarMap::~PlanarMap() = default;
 
 Result<PlanarImagePtr> PlanarMap::decode(const capture::Frame& frame, double gsd_m) {
   const double start = threadCpu_s();
-  auto image = decodeForPlane(frame, gsd_m, texel_m_);
+  std::vector<std::uint8_t> pixels;
+  {
+    const std::scoped_lock lock(spare_->mutex);
+    if (!spare_->pixels.empty()) {
+      pixels = std::move(spare_->pixels.back());
+      spare_->pixels.pop_back();
+    }
+  }
+  auto image = decodeForPlane(frame, gsd_m, texel_m_, std::move(pixels));
   const std::scoped_lock lock(statistics_mutex_);
   statistics_.decode_s += threadCpu_s() - start;
   ++statistics_.images_loaded;
   if (!image) return tl::unexpected(image.error());
-  return std::make_shared<const PlanarImage>(std::move(*image));
+  return PlanarImagePtr(new PlanarImage(std::move(*image)), [spare = spare_](PlanarImage* gone) {
+    const std::unique_ptr<PlanarImage> owner(gone);
+    const std::scoped_lock lock_spare(spare->mutex);
+    if (spare->pixels.size() < kSpareImages) spare->pixels.push_back(std::move(gone->rgbx));
+  });
 }
 
 Result<void> PlanarMap::addFrame(std::uint64_t id, const capture::FramePtr& frame, Loader load) {
@@ -120,8 +100,7 @@ Result<void> PlanarMap::addFrame(std::uint64_t id, const capture::FramePtr& fram
   sources_.insert_or_assign(id, Source{gsd_m, std::move(load)});
   index_.insert(std::move(*record));
   ++statistics_.frames;
-  arriving_.push_back(
-      {id, std::async(std::launch::async, [this, gsd_m, frame] { return decode(*frame, gsd_m); })});
+  arriving_.push_back({id, workers_.post([this, gsd_m, frame] { return decode(*frame, gsd_m); })});
   while (arriving_.size() > static_cast<std::size_t>(std::max(0, options_.ahead)))
     if (auto ok = takeNext(); !ok) return ok;
   return {};
@@ -131,7 +110,7 @@ Result<void> PlanarMap::addFrame(std::uint64_t id, const capture::FramePtr& fram
 Result<void> PlanarMap::takeNext() {
   Arriving arriving = std::move(arriving_.front());
   arriving_.pop_front();
-  auto image = arriving.image.get();
+  auto image = workers_.get(arriving.image);
   if (!image) {
     index_.remove(arriving.id);
     sources_.erase(arriving.id);
@@ -141,13 +120,16 @@ Result<void> PlanarMap::takeNext() {
   images_.insert(arriving.id, std::move(*image), bytes);
   const IndexedFrame& record = *index_.find(arriving.id);
   scheduler_.cover(boxOf(record.footprint));
-  if (auto made = makeTiles(arriving.id, FrameIndex::tilesUnder(record, base_zoom_)); !made) return made;
-  const bool full = batch_.tiles.size() >= static_cast<std::size_t>(std::max(1, options_.batch_tiles));
-  return full || batch_bytes_ > options_.tile_bytes ? finishBatch() : Result<void>{};
+  if (auto made = drawTiles(arriving.id, FrameIndex::tilesUnder(record, base_zoom_)); !made) return made;
+  const std::size_t waiting_bytes = waiting_.size() * drawnBytes();
+  return updates_ >= options_.batch_updates || waiting_bytes > options_.tile_bytes / 2 ? finishBatch()
+                                                                                       : Result<void>{};
 }
 
-// The parents of what the batch holds, level by level; then all of it is one transaction.
+// One transaction: the tiles that have changed, and their parents level by level.
 Result<void> PlanarMap::finishBatch() {
+  updates_ = 0;
+  if (auto coded = codeTiles(); !coded) return coded;
   for (;;) {
     std::vector<TileJob> jobs;
     while (auto job = scheduler_.next(now_ns())) jobs.push_back(*job);
@@ -157,9 +139,9 @@ Result<void> PlanarMap::finishBatch() {
   return batch_.tiles.empty() ? Result<void>{} : submit();
 }
 
-Result<void> PlanarMap::makeTiles(std::uint64_t id, std::span<const geo::TileKey> keys) {
+Result<void> PlanarMap::drawTiles(std::uint64_t id, std::span<const geo::TileKey> keys) {
   std::vector<std::optional<PlanarPlan>> planned(keys.size());
-  auto done = inParallel(keys.size(), options_.threads, [&](std::size_t i) -> Result<void> {
+  auto done = workers_.forEach(keys.size(), [&](std::size_t i) -> Result<void> {
     const double start = threadCpu_s();
     auto candidates = index_.framesForTile(keys[i], options_.height_m, options_.height_m);
     // Frames that have arrived but whose turn is still to come.
@@ -175,54 +157,81 @@ Result<void> PlanarMap::makeTiles(std::uint64_t id, std::span<const geo::TileKey
   if (!done) return done;
 
   std::vector<PlanarPlan> plans;
+  std::vector<Drawn*> tiles;
   for (auto& plan : planned) {
     const std::vector<std::uint64_t>& frames = plan->frames();
-    if (std::binary_search(frames.begin(), frames.end(), id))
-      plans.push_back(std::move(*plan));
-    else
+    if (!std::binary_search(frames.begin(), frames.end(), id)) {
       ++statistics_.unchanged;
+      continue;
+    }
+    tiles.push_back(&drawn(*plan));
+    plans.push_back(std::move(*plan));
   }
-  const auto images = imagesOf(plans);
-  if (!images) return tl::unexpected(images.error());
-
-  std::vector<Tile> tiles(plans.size());
-  std::vector<TileWrite> writes(plans.size());
-  done = inParallel(plans.size(), options_.threads, [&](std::size_t i) -> Result<void> {
+  std::vector<PlanarPlan::Changes> changes(plans.size());
+  done = workers_.forEach(plans.size(), [&](std::size_t i) -> Result<void> {
     const double start = threadCpu_s();
-    tiles[i] = plans[i].render((*images)[i]);
-    const double rendered = threadCpu_s();
-    auto write = encodeTile(tiles[i], options_.encoding);
-    if (!write) return tl::unexpected(write.error());
-    writes[i] = std::move(*write);
-    const double encoded = threadCpu_s();
-    auto ok = asStored(tiles[i], writes[i]);
+    changes[i] = plans[i].prepare(tiles[i]->tile, tiles[i]->marks);
     const std::scoped_lock lock(statistics_mutex_);
-    statistics_.project_s += rendered - start;
-    statistics_.encode_s += encoded - rendered;
-    statistics_.parents_s += threadCpu_s() - encoded;
-    return ok;
+    statistics_.plan_s += threadCpu_s() - start;
+    return {};
   });
   if (!done) return done;
-  for (std::size_t i = 0; i < plans.size(); ++i) {
-    // A tile of which the frame only grazes a corner may be empty; it is not stored.
-    if (tiles[i].empty()) continue;
-    ++statistics_.tiles;
-    scheduler_.markParentOf(tiles[i].key);
-    keep(std::move(tiles[i]));
-    batch_.tiles.push_back(std::move(writes[i]));
+  const auto images = imagesOf(plans, changes);
+  if (!images) return tl::unexpected(images.error());
+  return workers_.forEach(plans.size(), [&](std::size_t i) -> Result<void> {
+    const double start = threadCpu_s();
+    const bool changed = plans[i].apply(changes[i], (*images)[i], tiles[i]->tile, tiles[i]->marks);
+    const std::scoped_lock lock(statistics_mutex_);
+    statistics_.project_s += threadCpu_s() - start;
+    statistics_.tiles += changed ? 1 : 0;
+    updates_ += changed ? 1 : 0;
+    return {};
+  });
+}
+
+// The tile to draw on, which is to be coded with this batch.
+PlanarMap::Drawn& PlanarMap::drawn(const PlanarPlan& plan) {
+  const auto [at, fresh] = drawn_.try_emplace(plan.key());
+  Drawn& tile = at->second;
+  if (fresh) {
+    if (!spare_tiles_.empty()) {
+      tile.tile = plan.blank(std::move(spare_tiles_.back()));
+      spare_tiles_.pop_back();
+    } else {
+      tile.tile = plan.blank();
+    }
+    tile.marks = plan.noMarks();
+    tile.place = drawn_order_.insert(drawn_order_.end(), plan.key());
+  } else {
+    drawn_order_.splice(drawn_order_.end(), drawn_order_, tile.place);
   }
-  return {};
+  if (!std::exchange(tile.waits, true)) waiting_.push_back(plan.key());
+  // What is older and coded can be drawn again from its frames.
+  while (drawn_.size() * drawnBytes() > options_.tile_bytes / 4 * 3) {
+    const auto oldest = drawn_.find(drawn_order_.front());
+    if (oldest->second.waits) break;
+    if (spare_tiles_.size() < kSpareTiles) spare_tiles_.push_back(std::move(oldest->second.tile));
+    drawn_order_.pop_front();
+    drawn_.erase(oldest);
+  }
+  return tile;
+}
+
+std::size_t PlanarMap::drawnBytes() const {
+  return 8 * static_cast<std::size_t>(tile_size_) * static_cast<std::size_t>(tile_size_);
 }
 
 // The pictures that each plan needs; those that the cache has lost are loaded again.
-Result<std::vector<std::vector<PlanarImagePtr>>> PlanarMap::imagesOf(std::span<const PlanarPlan> plans) {
+Result<std::vector<std::vector<PlanarImagePtr>>> PlanarMap::imagesOf(
+    std::span<const PlanarPlan> plans, std::span<const PlanarPlan::Changes> changes) {
   std::map<std::uint64_t, PlanarImagePtr> held;
-  for (const PlanarPlan& plan : plans)
-    for (const std::uint64_t id : plan.frames()) held.try_emplace(id, images_.find(id));
+  for (std::size_t i = 0; i < plans.size(); ++i)
+    for (std::size_t k = 0; k < changes[i].needed.size(); ++k)
+      if (changes[i].needed[k]) held.try_emplace(plans[i].frames()[k]);
   std::vector<std::pair<const std::uint64_t, PlanarImagePtr>*> missing;
   for (auto& entry : held)
-    if (!entry.second) missing.push_back(&entry);
-  auto done = inParallel(missing.size(), options_.threads, [&](std::size_t i) -> Result<void> {
+    if ((entry.second = images_.find(entry.first)) == nullptr) missing.push_back(&entry);
+  auto done = workers_.forEach(missing.size(), [&](std::size_t i) -> Result<void> {
     const Source& source = sources_.at(missing[i]->first);
     auto frame = source.load();
     if (!frame) return tl::unexpected(frame.error());
@@ -234,28 +243,93 @@ Result<std::vector<std::vector<PlanarImagePtr>>> PlanarMap::imagesOf(std::span<c
   if (!done) return tl::unexpected(done.error());
   for (const auto* entry : missing) images_.insert(entry->first, entry->second, entry->second->bytes());
   std::vector<std::vector<PlanarImagePtr>> images;
-  for (const PlanarPlan& plan : plans) {
-    auto& list = images.emplace_back();
-    for (const std::uint64_t id : plan.frames()) list.push_back(held.at(id));
+  for (std::size_t i = 0; i < plans.size(); ++i) {
+    auto& list = images.emplace_back(changes[i].needed.size());
+    for (std::size_t k = 0; k < changes[i].needed.size(); ++k)
+      if (changes[i].needed[k]) list[k] = held.at(plans[i].frames()[k]);
   }
   return images;
 }
 
-Result<std::shared_ptr<const Tile>> PlanarMap::child(const geo::TileKey& key) {
-  if (const auto found = recent_.find(key); found != recent_.end()) return found->second;
-  auto stored = readTile(reader_, key, only(Layer::Color) | only(Layer::Quality));
-  if (stored) {
-    stored->source = {};
-    stored->confidence = {};
-    stored->views = {};
-    return std::make_shared<const Tile>(std::move(*stored));
+// A tile for the store, and what its parent needs of it: colours as readers will decode them, so that a
+// parent is a function of what is stored, whether its children come from memory or from the store.
+Result<PlanarMap::Coded> PlanarMap::code(const Tile& tile, double& encode_s, double& parents_s) const {
+  const double start = threadCpu_s();
+  auto write = encodeTile(tile, options_.encoding);
+  if (!write) return tl::unexpected(write.error());
+  const double encoded = threadCpu_s();
+  Tile stored;
+  stored.key = tile.key;
+  stored.size = tile.size;
+  stored.kind = tile.kind;
+  stored.gsd = tile.gsd;
+  for (const EncodedLayer& layer : write->layers) {
+    if (layer.layer != Layer::Color) continue;
+    auto color = decodeColor(layer.codec, layer.bytes, tile.size);
+    if (!color) return tl::unexpected(color.error());
+    stored.color = std::move(*color);
   }
-  if (stored.error().code == ErrorCode::NotFound) return std::shared_ptr<const Tile>();
-  return tl::unexpected(stored.error());
+  Coded coded{std::move(*write), halved(stored)};
+  encode_s += encoded - start;
+  parents_s += threadCpu_s() - encoded;
+  return coded;
+}
+
+Result<void> PlanarMap::codeTiles() {
+  std::vector<std::optional<Coded>> coded(waiting_.size());
+  auto done = workers_.forEach(waiting_.size(), [&](std::size_t i) -> Result<void> {
+    const Tile& tile = drawn_.at(waiting_[i]).tile;
+    // A tile of which frames only graze a corner may be empty; it is not stored.
+    if (tile.empty()) return {};
+    double encode_s = 0, parents_s = 0;
+    auto one = code(tile, encode_s, parents_s);
+    if (!one) return tl::unexpected(one.error());
+    coded[i] = std::move(*one);
+    const std::scoped_lock lock(statistics_mutex_);
+    statistics_.encode_s += encode_s;
+    statistics_.parents_s += parents_s;
+    return {};
+  });
+  if (!done) return done;
+  for (std::size_t i = 0; i < waiting_.size(); ++i) {
+    drawn_.at(waiting_[i]).waits = false;
+    if (!coded[i]) continue;
+    ++statistics_.coded;
+    scheduler_.markParentOf(waiting_[i]);
+    keepHalf(std::move(coded[i]->half));
+    batch_.tiles.push_back(std::move(coded[i]->write));
+  }
+  waiting_.clear();
+  return {};
+}
+
+Result<std::shared_ptr<const Tile>> PlanarMap::half(const geo::TileKey& key) {
+  if (const auto found = halves_.find(key); found != halves_.end()) {
+    halves_order_.splice(halves_order_.end(), halves_order_, found->second.place);
+    return found->second.tile;
+  }
+  auto stored = readTile(reader_, key, only(Layer::Color) | only(Layer::Quality));
+  if (!stored) {
+    if (stored.error().code == ErrorCode::NotFound) return std::shared_ptr<const Tile>();
+    return tl::unexpected(stored.error());
+  }
+  stored->confidence = {};
+  stored->views = {};
+  keepHalf(halved(*stored));
+  return halves_.at(key).tile;
+}
+
+void PlanarMap::keepHalf(Tile&& half) {
+  const auto [at, fresh] = halves_.try_emplace(half.key);
+  if (fresh)
+    at->second.place = halves_order_.insert(halves_order_.end(), half.key);
+  else
+    halves_order_.splice(halves_order_.end(), halves_order_, at->second.place);
+  at->second.tile = std::make_shared<const Tile>(std::move(half));
 }
 
 Result<void> PlanarMap::makeParents(std::span<const TileJob> jobs) {
-  // Children that left memory are read from the store: everything older must be there.
+  // Children that left memory are read from the store: they must be there.
   std::vector<std::array<std::shared_ptr<const Tile>, 4>> children(jobs.size());
   const bool top = jobs.front().kind == TileJob::Kind::Top;
   const double reading = threadCpu_s();
@@ -263,32 +337,32 @@ Result<void> PlanarMap::makeParents(std::span<const TileJob> jobs) {
   for (std::size_t j = 0; j < jobs.size(); ++j)
     for (int i = 0; i < 4; ++i) {
       const geo::TileKey key = top ? scheduler_.layout().top()->child(i) : geo::childOf(jobs[j].key, i);
-      if (!flushed && !recent_.contains(key)) {
+      if (!flushed && gone_.contains(key) && !halves_.contains(key)) {
         const auto start = std::chrono::steady_clock::now();
         if (!writer_.flush(std::chrono::seconds(60)))
           return fail(ErrorCode::Io, "the disk does not take the map: " + writer_.status().reason);
         statistics_.commit_s +=
             std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
         flushed = true;
+        gone_.clear();
       }
-      auto tile = child(key);
+      auto tile = half(key);
       if (!tile) return tl::unexpected(tile.error());
       children[j][static_cast<std::size_t>(i)] = std::move(*tile);
     }
   statistics_.parents_s += threadCpu_s() - reading;
-  std::vector<Tile> tiles(jobs.size());
-  std::vector<TileWrite> writes(jobs.size());
-  auto done = inParallel(jobs.size(), options_.threads, [&](std::size_t j) -> Result<void> {
+  std::vector<std::optional<Coded>> coded(jobs.size());
+  auto done = workers_.forEach(jobs.size(), [&](std::size_t j) -> Result<void> {
     const double start = threadCpu_s();
     std::array<const Tile*, 4> held{};
     for (std::size_t i = 0; i < 4; ++i) held[i] = children[j][i].get();
-    tiles[j] = makeParent(jobs[j].key, held);
-    if (!tiles[j].empty()) {
-      auto write = encodeTile(tiles[j], options_.encoding);
-      if (!write) return tl::unexpected(write.error());
-      write->top = top;
-      writes[j] = std::move(*write);
-      if (auto ok = asStored(tiles[j], writes[j]); !ok) return ok;
+    const Tile tile = joinHalves(jobs[j].key, held);
+    if (!tile.empty()) {
+      double encode_s = 0, parents_s = 0;
+      auto one = code(tile, encode_s, parents_s);
+      if (!one) return tl::unexpected(one.error());
+      one->write.top = top;
+      coded[j] = std::move(*one);
     }
     const std::scoped_lock lock(statistics_mutex_);
     statistics_.parents_s += threadCpu_s() - start;
@@ -296,36 +370,16 @@ Result<void> PlanarMap::makeParents(std::span<const TileJob> jobs) {
   });
   if (!done) return done;
   for (std::size_t j = 0; j < jobs.size(); ++j) {
-    const bool empty = tiles[j].empty();
-    scheduler_.done(jobs[j], !empty, now_ns());
-    if (empty) continue;
+    scheduler_.done(jobs[j], coded[j].has_value(), now_ns());
+    if (!coded[j]) continue;
     ++statistics_.parents;
-    if (!top) keep(std::move(tiles[j]));
-    batch_.tiles.push_back(std::move(writes[j]));
+    if (!top) keepHalf(std::move(coded[j]->half));
+    batch_.tiles.push_back(std::move(coded[j]->write));
   }
   return {};
 }
 
-void PlanarMap::keep(Tile&& tile) {
-  const geo::TileKey key = tile.key;
-  auto& place = recent_[key];
-  if (place)
-    recent_bytes_ -= bytesOf(*place);
-  else
-    recent_order_.push_back(key);
-  place = std::make_shared<const Tile>(std::move(tile));
-  recent_bytes_ += bytesOf(*place);
-  batch_bytes_ += bytesOf(*place);
-}
-
 Result<void> PlanarMap::submit() {
-  // Only what is on its way to the store may leave memory.
-  while (recent_bytes_ > options_.tile_bytes) {
-    const auto oldest = recent_.find(recent_order_.front());
-    recent_order_.pop_front();
-    recent_bytes_ -= bytesOf(*oldest->second);
-    recent_.erase(oldest);
-  }
   const auto start = std::chrono::steady_clock::now();
   for (;;) {
     const auto submitted = writer_.submit(std::move(batch_));
@@ -335,8 +389,15 @@ Result<void> PlanarMap::submit() {
       return fail(ErrorCode::Io, "the disk does not take the map: " + writer_.status().reason);
   }
   batch_ = {};
-  batch_bytes_ = 0;
   statistics_.commit_s += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  // Only what is on its way to the store may leave memory: 6 bytes for each texel of a half.
+  const std::size_t half_bytes = drawnBytes() / 8 / 4 * 6;
+  while (!halves_.empty() && halves_.size() * half_bytes > options_.tile_bytes / 4) {
+    gone_.insert(halves_order_.front());
+    halves_.erase(halves_order_.front());
+    halves_order_.pop_front();
+  }
+  if (writer_.status().waiting_batches == 0) gone_.clear();
   return {};
 }
 

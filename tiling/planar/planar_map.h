@@ -3,9 +3,11 @@
 #include <deque>
 #include <functional>
 #include <future>
+#include <list>
 #include <map>
 #include <memory>
 #include <mutex>
+#include <set>
 #include <span>
 #include <vector>
 
@@ -15,6 +17,7 @@
 #include "tiling/index/frame_index.h"
 #include "tiling/planar/planar_image.h"
 #include "tiling/planar/planar_projector.h"
+#include "tiling/planar/workers.h"
 #include "tiling/rectify/pinned_lru.h"
 #include "tiling/store/store_writer.h"
 #include "tiling/store/tile_codec.h"
@@ -24,27 +27,34 @@ namespace overfly::tiling {
 struct PlanarOptions {
   double height_m = 0;  // of the plane, ellipsoidal
   double anchor_px = 0.5;
-  int threads = 2;                       // that decode, project and encode
+  int threads = 2;                       // that decode, project and encode, the calling one among them
   int ahead = 2;                         // frames that are decoded before their turn
-  std::size_t image_bytes = 256u << 20;  // decoded frames kept; a frame that has left is loaded again
-  std::size_t tile_bytes = 64u << 20;    // decoded tiles kept for their parents, beside one batch
-  int batch_tiles = 128;  // updates of level 0 before their parents are made and all is committed; higher
-                          // saves parents and syncs, and shows the map later. Less when tile_bytes is reached
+  std::size_t image_bytes = 192u << 20;  // decoded frames kept; a frame that has left is loaded again
+  std::size_t tile_bytes = 128u << 20;  // tiles kept: three quarters of it as they are drawn, to be drawn on;
+                                        // the rest as what their parents need of them
+  int batch_updates = 256;  // tile updates before tiles are coded, parents made and all is committed; higher
+                            // saves codings, parents and syncs, and shows the map later. Less when the tiles
+                            // that wait fill their share of tile_bytes
   EncodeOptions encoding;
 };
 
 // Counts and CPU-seconds, summed over threads; commit_s is the wall time of the writing thread's part that
 // the caller had to wait for.
 struct PlanarStatistics {
-  std::uint64_t frames = 0, images_loaded = 0, tiles = 0, unchanged = 0, parents = 0;
+  std::uint64_t frames = 0, images_loaded = 0;
+  std::uint64_t tiles = 0;      // updates of level-0 tiles: drawn on with texels of a new frame
+  std::uint64_t unchanged = 0;  // tiles under a new frame that shows nothing better
+  std::uint64_t coded = 0;      // level-0 tiles coded and committed: several updates in a batch are one
+  std::uint64_t parents = 0;
   std::uint64_t commits = 0, bytes = 0;  // transactions; coded layers
   double decode_s = 0, plan_s = 0, project_s = 0, encode_s = 0, parents_s = 0, commit_s = 0;
 };
 
-// The Flexible Clipmap of the GRAPP paper: frames are laid onto a plane, level-0 tiles are made again as
-// frames arrive, their parents follow level by level, each once per batch, and every batch (of some frames)
-// is one transaction of the map's store. For flat ground, and for a first look before heights are known; the
-// sweep's true orthophoto (tiling/mapping) replaces it where the ground is not flat.
+// The Flexible Clipmap of the GRAPP paper: frames are laid onto a plane, level-0 tiles are drawn on as frames
+// arrive, and every batch (of some frames) codes the tiles that have changed, makes their parents level by
+// level, each once, and commits all of it to the map's store as one transaction. As in the paper, where tiles
+// are updated in memory and written beside it. For flat ground, and for a first look before heights are
+// known; the sweep's true orthophoto (tiling/mapping) replaces it where the ground is not flat.
 //
 // A tile is a function of the frames that see it (PlanarPlan). A new frame that gives a tile no texel leaves
 // it as it is. Memory is bounded by the options, whatever the map's size.
@@ -77,17 +87,43 @@ class PlanarMap {
     double gsd_m = 0;
     Loader load;
   };
+  // A tile of level 0 as it is drawn: exact, whatever the store's coding loses.
+  struct Drawn {
+    Tile tile;
+    PlanarPlan::Marks marks;
+    bool waits = false;  // changed since it was coded
+    std::list<geo::TileKey>::iterator place;
+  };
+  // What the parent of a stored tile needs of it.
+  struct Half {
+    std::shared_ptr<const Tile> tile;
+    std::list<geo::TileKey>::iterator place;
+  };
+  struct Coded {
+    TileWrite write;
+    Tile half;
+  };
+  // Memory of images that are no longer needed.
+  struct SparePixels {
+    std::mutex mutex;
+    std::vector<std::vector<std::uint8_t>> pixels;
+  };
   PlanarMap(MapStore store, MapReader reader, geo::TileLattice lattice, const PlanarOptions& options);
 
   [[nodiscard]] Result<PlanarImagePtr> decode(const capture::Frame& frame, double gsd_m);
   [[nodiscard]] Result<void> takeNext();
+  [[nodiscard]] Result<void> drawTiles(std::uint64_t id, std::span<const geo::TileKey> keys);
+  [[nodiscard]] Result<std::vector<std::vector<PlanarImagePtr>>> imagesOf(
+      std::span<const PlanarPlan> plans, std::span<const PlanarPlan::Changes> changes);
+  [[nodiscard]] Drawn& drawn(const PlanarPlan& plan);
+  [[nodiscard]] Result<Coded> code(const Tile& tile, double& encode_s, double& parents_s) const;
   [[nodiscard]] Result<void> finishBatch();
-  [[nodiscard]] Result<void> makeTiles(std::uint64_t id, std::span<const geo::TileKey> keys);
-  [[nodiscard]] Result<std::vector<std::vector<PlanarImagePtr>>> imagesOf(std::span<const PlanarPlan> plans);
+  [[nodiscard]] Result<void> codeTiles();
   [[nodiscard]] Result<void> makeParents(std::span<const TileJob> jobs);
-  [[nodiscard]] Result<std::shared_ptr<const Tile>> child(const geo::TileKey& key);
+  [[nodiscard]] Result<std::shared_ptr<const Tile>> half(const geo::TileKey& key);
+  void keepHalf(Tile&& half);
   [[nodiscard]] Result<void> submit();
-  void keep(Tile&& tile);
+  [[nodiscard]] std::size_t drawnBytes() const;  // of one tile
   [[nodiscard]] std::int64_t now_ns() { return ++clock_; }
 
   StoreWriter writer_;
@@ -100,15 +136,22 @@ class PlanarMap {
   Scheduler scheduler_;  // of the parents; tiles of level 0 are made as frames come
   std::deque<Arriving> arriving_;
   std::map<std::uint64_t, Source> sources_;
+  std::shared_ptr<SparePixels> spare_;
   PinnedLru<PlanarImage> images_;
-  // Decoded tiles by key, the oldest first to go.
-  std::map<geo::TileKey, std::shared_ptr<const Tile>> recent_;
-  std::deque<geo::TileKey> recent_order_;
-  std::size_t recent_bytes_ = 0, batch_bytes_ = 0;  // of all; of those made in this batch
-  Batch batch_;                                     // of several frames
+  // By key, and in the order of use, the oldest first to go.
+  std::map<geo::TileKey, Drawn> drawn_;
+  std::list<geo::TileKey> drawn_order_;
+  std::vector<Tile> spare_tiles_;  // memory to draw on
+  std::vector<geo::TileKey> waiting_;
+  std::map<geo::TileKey, Half> halves_;
+  std::list<geo::TileKey> halves_order_;
+  std::set<geo::TileKey> gone_;  // left halves_ while the store may not have had them yet
+  int updates_ = 0;              // since the last batch
+  Batch batch_;
   std::int64_t clock_ = 0;
   std::mutex statistics_mutex_;
   PlanarStatistics statistics_;
+  Workers workers_;  // last: what it runs uses everything above
 };
 
 }  // namespace overfly::tiling

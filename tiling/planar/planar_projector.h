@@ -38,6 +38,25 @@ class PlanarPlan {
   // `images`: those of frames(), in that order.
   [[nodiscard]] Tile render(std::span<const PlanarImagePtr> images) const;
 
+  // What a tile was drawn from, block by block: a block whose mark is the same in two plans of one tile has
+  // the same texels. 0: a block without any.
+  using Marks = std::vector<std::uint64_t>;
+  // How a tile that an earlier plan drew becomes what render() gives. Which frame gives a texel needs no
+  // pixels, and the colour that a frame gives it depends on nothing else: so only texels that change their
+  // frame are read, nearly always from the new one alone.
+  struct Changes {
+    std::vector<bool> needed;           // of frames(): which pictures are read
+    std::vector<std::uint16_t> source;  // of the texels of changed blocks that several frames share, in turn
+  };
+  // Brings the tile's frame set, and its sources with it, up to date. Then apply() is due.
+  [[nodiscard]] Changes prepare(Tile& tile, const Marks& marks) const;
+  // `images`: those of frames(), null where they are not needed. `marks` become this plan's. True: some texel
+  // was drawn.
+  bool apply(const Changes& changes, std::span<const PlanarImagePtr> images, Tile& tile, Marks& marks) const;
+  // A tile without any texel, in the memory of one that is no longer needed; and its marks.
+  [[nodiscard]] Tile blank(Tile&& reuse = {}) const;
+  [[nodiscard]] Marks noMarks() const { return Marks(winner_.size(), 0); }
+
  private:
   struct View {
     double gsd_m = 0;
@@ -48,8 +67,13 @@ class PlanarPlan {
   [[nodiscard]] bool holds(const View& view, float x, float y) const;
   [[nodiscard]] int winnerAt(std::size_t node) const;
   struct Place;  // of a block
+  class Lines;   // of a block's rows in a picture
+  [[nodiscard]] Place placeOf(std::size_t block) const;
+  [[nodiscard]] bool reaches(const View& view, const Place& place) const;
+  void chooseTexels(const Place& place, std::uint16_t* source) const;
   void copyBlock(const Place& place, int view, const PlanarImage& image, Tile& tile) const;
-  void mixBlock(const Place& place, std::span<const PlanarImagePtr> images, Tile& tile) const;
+  [[nodiscard]] bool mixBlock(const Place& place, const std::uint16_t* source,
+                              std::span<const PlanarImagePtr> images, Tile& tile) const;
 
   geo::TileKey key_;
   int size_ = 0;
@@ -57,6 +81,7 @@ class PlanarPlan {
   std::vector<View> views_;
   std::vector<std::uint64_t> ids_;
   std::vector<int> winner_;  // by block: index into views_, kNone or kMixed
+  Marks marks_;              // by block
 };
 
 }  // namespace overfly::tiling
