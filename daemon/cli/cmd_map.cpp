@@ -140,7 +140,7 @@ void build(CLI::App& command, Context& context) {
                    "lay the frames onto level ground instead of finding heights: quick, needs no GPU");
   command.add_option("--tile-size", arguments->tile_size, "texels along a tile's side: 256 or 512")
       ->check(CLI::IsMember({256, 512}));
-  command.add_option("--cache-mb", arguments->cache_mb, "with --planar: decoded frames kept in memory")
+  command.add_option("--cache-mb", arguments->cache_mb, "with --planar: decoded frames and tiles kept in memory")
       ->check(CLI::Range(8, 65536));
   context.onRun(command, [arguments, ground, &context]() -> Result<int> {
     arguments->ground_given = ground->count() > 0;

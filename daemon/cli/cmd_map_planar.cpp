@@ -76,9 +76,10 @@ Result<int> mapOntoPlane(const PlanarCommand& command) {
   tiling::PlanarOptions options;
   options.height_m = ground->height_m;
   options.anchor_px = ground->anchor_px;
-  options.image_bytes = static_cast<std::size_t>(command.cache_mb) << 20;
-  options.tile_bytes = options.image_bytes / 4;
-  options.encoding = tiling::encodeOptions(meta);
+  // Tiles that are still in memory are drawn on without the frames that they already show.
+  const std::size_t cache_bytes = static_cast<std::size_t>(command.cache_mb) << 20;
+  options.image_bytes = cache_bytes / 4;
+  options.tile_bytes = cache_bytes - options.image_bytes;
   auto map = tiling::PlanarMap::create(std::move(*store), options);
   if (!map) return tl::unexpected(map.error());
 

@@ -12,7 +12,7 @@ struct PlanarCommand {
   geo::TileLattice lattice = geo::TileLattice::webMercator();
   std::optional<double> ground_m, gsd_m;
   int tile_size = 256;
-  int cache_mb = 256;  // decoded frames in memory
+  int cache_mb = 256;  // decoded frames and tiles in memory
   bool json = false;
 };
 

@@ -27,15 +27,16 @@ namespace overfly::tiling {
 struct PlanarOptions {
   double height_m = 0;  // of the plane, ellipsoidal
   double anchor_px = 0.5;
-  int threads = 2;                       // that decode, project and encode, the calling one among them
-  int ahead = 2;                         // frames that are decoded before their turn
-  std::size_t image_bytes = 192u << 20;  // decoded frames kept; a frame that has left is loaded again
-  std::size_t tile_bytes = 128u << 20;  // tiles kept: three quarters of it as they are drawn, to be drawn on;
+  int threads = 2;                      // that decode, project and encode, the calling one among them
+  int ahead = 2;                        // frames that are decoded before their turn
+  std::size_t image_bytes = 64u << 20;  // decoded frames kept; a frame that has left is loaded again
+  std::size_t tile_bytes = 256u << 20;  // tiles kept: three quarters of it as they are drawn, to be drawn on;
                                         // the rest as what their parents need of them
-  int batch_updates = 256;  // tile updates before tiles are coded, parents made and all is committed; higher
+  int batch_updates = 400;  // tile updates before tiles are coded, parents made and all is committed; higher
                             // saves codings, parents and syncs, and shows the map later. Less when the tiles
                             // that wait fill their share of tile_bytes
-  EncodeOptions encoding;
+  // A tile with a hole is soon coded again: the fast method costs 5 % more bytes.
+  EncodeOptions encoding{.color = {.webp_method = 0}, .elevation = {}};
 };
 
 // Counts and CPU-seconds, summed over threads; commit_s is the wall time of the writing thread's part that

@@ -67,6 +67,37 @@ TEST(MakeParent, OfNothingIsEmpty) {
   EXPECT_TRUE(makeParent({9, 0, 0}, {nullptr, &blank, nullptr, nullptr}).empty());
 }
 
+// Half of the tiles are opaque, where the mean is taken two channels at a time.
+RC_GTEST_PROP(MakeParentProperty, joinedHalvesAreTheParent, ()) {
+  std::array<Tile, 4> children, halves;
+  std::array<const Tile*, 4> pointers{}, half_pointers{};
+  for (std::size_t q = 0; q < 4; ++q) {
+    if (*rc::gen::inRange(0, 4) == 0) continue;
+    children[q] = *randomTile({11, static_cast<int>(q & 1), static_cast<int>(q >> 1)}, 8);
+    children[q].elevation.clear();
+    if (*rc::gen::arbitrary<bool>())
+      for (std::size_t i = 3; i < children[q].color.size(); i += 4) children[q].color[i] = 255;
+    halves[q] = halved(children[q]);
+    RC_ASSERT(halves[q].size == 4);
+    pointers[q] = &children[q];
+    half_pointers[q] = &halves[q];
+  }
+  const Tile parent = makeParent({10, 0, 0}, pointers);
+  RC_ASSERT(joinHalves({10, 0, 0}, half_pointers) == parent);
+  for (std::size_t q = 0; q < 4; ++q)
+    for (std::size_t i = 0; pointers[q] != nullptr && i < 16; ++i) {
+      const std::size_t out = (4 * (q >> 1) + i / 4) * 8 + 4 * (q & 1) + i % 4;
+      unsigned sum = 0, count = 0;
+      for (const std::size_t in : {0U, 1U, 8U, 9U}) {
+        const std::size_t at = 4 * (i / 4 * 16 + i % 4 * 2 + in);
+        if (children[q].color[at + 3] == 0) continue;
+        sum += children[q].color[at + 1];
+        ++count;
+      }
+      if (count != 0) RC_ASSERT(parent.color[4 * out + 1] == (sum + count / 2) / count);
+    }
+}
+
 // Whatever lies between four texel centres, at every finer level, is below the bound of the texel above it.
 RC_GTEST_PROP(MakeParentProperty, theBoundLiesAboveEveryFinerSurface, ()) {
   std::array<Tile, 4> children;

@@ -160,6 +160,53 @@ TEST(PlanarPlan, EachTexelTakesTheFrameThatLooksMostSteeply) {
   EXPECT_EQ(seen.size(), 3u);
 }
 
+// Whatever the order in which frames come: what is drawn on is what would be drawn anew, also when a frame
+// leaves again. Only the pictures of frames that give new texels are given.
+TEST(PlanarPlan, ATileThatIsDrawnOnIsTheTileDrawnAnew) {
+  const double places[][2] = {{-14, -4}, {9, 6}, {3, -15}, {-5, 12}, {1, 0}};
+  std::vector<IndexedFrame> records;
+  std::vector<PlanarImagePtr> pictures;
+  for (std::size_t k = 0; k < 5; ++k) {
+    const capture::FramePtr frame =
+        frameAt(places[k][0], places[k][1], 40.0 * static_cast<double>(k), -85, true, waves);
+    records.push_back(*makeIndexedFrame(10 + k, frame->camera, *frame->pose, 0, lattice(), 0.5, kGround_m));
+    pictures.push_back(std::make_shared<const PlanarImage>(*decodeForPlane(*frame, 0.16, 0.1)));
+  }
+  const geo::TileKey key = keyUnder(0, 0);
+  std::size_t read = 0, all = 0;
+  for (unsigned seed = 0; seed < 6; ++seed) {
+    std::vector<std::size_t> order{0, 1, 2, 3, 4};
+    std::shuffle(order.begin(), order.end(), std::mt19937(seed));
+    std::set<std::size_t> seen;
+    std::optional<Tile> tile;
+    PlanarPlan::Marks marks;
+    for (std::size_t step = 0; step < 6; ++step) {
+      if (step < 5)
+        seen.insert(order[step]);
+      else
+        seen.erase(order[1]);
+      std::vector<const IndexedFrame*> candidates;
+      for (const std::size_t k : seen) candidates.push_back(&records[k]);
+      const PlanarPlan plan(lattice(), key, 256, kGround_m, candidates);
+      if (!tile) {
+        tile = plan.blank();
+        marks = plan.noMarks();
+      }
+      const PlanarPlan::Changes changes = plan.prepare(*tile, marks);
+      std::vector<PlanarImagePtr> images, given;
+      for (std::size_t k = 0; k < plan.frames().size(); ++k) {
+        images.push_back(pictures[plan.frames()[k] - 10]);
+        given.push_back(changes.needed[k] ? images.back() : nullptr);
+        read += step < 5 && changes.needed[k] ? 1 : 0;
+        all += step < 5 ? 1 : 0;
+      }
+      plan.apply(changes, given, *tile, marks);
+      ASSERT_TRUE(*tile == plan.render(images)) << "seed " << seed << ", step " << step;
+    }
+  }
+  EXPECT_LT(read, all / 2);
+}
+
 std::uint8_t smooth(int x, int y, int channel) {
   return static_cast<std::uint8_t>(128 + 90 * std::sin(0.031 * x + 0.8 * channel) * std::cos(0.043 * y));
 }
@@ -244,7 +291,7 @@ TEST(PlanarMap, AMapIsAFunctionOfItsFramesNotOfTheirOrder) {
 TEST(PlanarMap, ThePyramidIsMadeOfItsStoredTiles) {
   const MadeMap map("pyramid", upTo(15));
   const auto range = map.reader->zoomRange(Layer::Color);
-  EncodeOptions coding;
+  const EncodeOptions coding = PlanarOptions{}.encoding;
   for (int zoom = range->first; zoom < kZoom; ++zoom) {
     const auto parents = map.level(zoom), children = map.level(zoom + 1);
     for (const auto& [key, parent] : parents) {
