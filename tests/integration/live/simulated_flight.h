@@ -1,4 +1,5 @@
 #pragma once
+#include <gtest/gtest.h>
 #include <time.h>
 
 #include <algorithm>
@@ -231,6 +232,74 @@ class HotShoe final : public EdgeLines {
 
  private:
   SimulatedCamera& camera_;
+};
+
+inline AutopilotOptions autopilotOptions() {
+  AutopilotOptions options;
+  options.retry = 50ms;
+  options.silence = 600ms;
+  options.telemetry.attitude_sigma = 0.01;
+  return options;
+}
+
+// Autopilot, camera and hot shoe joined, on the way north.
+struct SimulatedFlight {
+  explicit SimulatedFlight(LiveOptions options = {}, std::int64_t lag_ns = 40 * kMs,
+                           AutopilotOptions autopilot = autopilotOptions()) {
+    auto made = std::make_unique<SimulatedCamera>(lag_ns);
+    camera = made.get();
+    LiveSource::Parts parts;
+    parts.camera = std::move(made);
+    parts.autopilot = [this, autopilot](Autopilot::Listeners listeners) {
+      return std::make_unique<Autopilot>(std::make_unique<SimulatedAutopilot>(truth, wire), autopilot,
+                                         std::move(listeners));
+    };
+    if (options.pulses == PulsesFrom::Gpio) {
+      GpioStampsOptions gpio;
+      gpio.exposure = {5, true};
+      parts.gpio = [this, gpio](GpioStamps::Listeners listeners) {
+        return std::make_unique<GpioStamps>(
+            gpio, std::move(listeners),
+            [this](const std::vector<LineWanted>&) -> Result<std::unique_ptr<EdgeLines>> {
+              return std::make_unique<HotShoe>(*camera);
+            });
+      };
+    }
+    source = std::make_unique<LiveSource>(std::move(parts), options);
+    EXPECT_TRUE(source->open());
+  }
+
+  // Frames until `enough`, at most for half a minute.
+  template <class Enough>
+  void fly(Enough&& enough) {
+    const std::int64_t end = nowNs() + 30 * kSecond;
+    while (nowNs() < end && !enough()) {
+      const auto frame = source->next(100ms);
+      for (LatePose& late : source->takeLatePoses()) late_poses.push_back(std::move(late));
+      if (frame && *frame) frames.push_back(*frame);
+    }
+  }
+  void flyFrames(std::size_t count) {
+    const std::size_t target = frames.size() + count;
+    fly([&] { return frames.size() >= target; });
+  }
+  double errorOf(const Frame& frame, const Pose& pose) const {
+    return (pose.position_in_ecef - truth.at(camera->taken(frame.sequence))).norm();
+  }
+  double medianError(std::size_t from) const {
+    std::vector<double> errors;
+    for (std::size_t i = from; i < frames.size(); ++i)
+      if (frames[i]->pose) errors.push_back(errorOf(*frames[i], *frames[i]->pose));
+    std::sort(errors.begin(), errors.end());
+    return errors.empty() ? 1e9 : errors[errors.size() / 2];
+  }
+
+  Truth truth;
+  Wire wire;
+  SimulatedCamera* camera = nullptr;
+  std::unique_ptr<LiveSource> source;
+  std::vector<FramePtr> frames;
+  std::vector<LatePose> late_poses;
 };
 
 }  // namespace overfly::capture
