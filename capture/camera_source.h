@@ -16,7 +16,12 @@ struct CameraStatus {
   std::uint64_t frames = 0;   // handed out
   std::uint64_t dropped = 0;  // gaps in the driver's own frame numbers, never in ours
   std::uint64_t reconnects = 0;
-  std::map<std::string, std::uint64_t> errors;  // by kind: "bad buffer", "unplugged", "format"
+  // By kind: "damaged", "unplugged", "no exposure control"; "not there", "not permitted" and "unsuitable"
+  // whenever `problem` says something new.
+  std::map<std::string, std::uint64_t> errors;
+
+  // The camera cannot be had now: said, and counted.
+  void setProblem(const Error& error);
 };
 
 // A live camera before its frames have poses (V4L2, libcamera); capture/live joins it with the autopilot and

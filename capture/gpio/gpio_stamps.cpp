@@ -66,7 +66,9 @@ void GpioStamps::run(const std::stop_token& stop) {
     {
       const std::scoped_lock lock(mutex_);
       status_.open = lines.has_value();
-      status_.problem = lines ? "" : lines.error().message;
+      const std::string problem = lines ? "" : lines.error().message;
+      if (!problem.empty() && problem != status_.problem) ++status_.problems;
+      status_.problem = problem;
       if (lines && lost) ++status_.reopened;
     }
     if (!lines) continue;
@@ -84,6 +86,7 @@ void GpioStamps::serve(EdgeLines& lines, const std::stop_token& stop) {
       const std::scoped_lock lock(mutex_);
       status_.open = false;
       status_.problem = edges.error().message;
+      ++status_.problems;
       return;
     }
     for (const GpioEdge& edge : *edges) {

@@ -38,6 +38,7 @@ struct GpioStatus {
   bool open = false;
   std::string problem;  // one sentence for a person while it is not; empty otherwise
   std::uint64_t exposures = 0, pps = 0, bounced = 0, reopened = 0;
+  std::uint64_t problems = 0;  // that `problem` told, one after the other
 };
 
 // The thread that waits for edges. It opens the lines, again and again while that fails. Public calls from

@@ -78,8 +78,7 @@ struct LibcameraSource::State {
 
   void setProblem(const Error& error) {
     const std::scoped_lock lock(mutex);
-    status.present = false;
-    status.problem = error.message;
+    status.setProblem(error);
   }
 
   void lose(const std::string& problem) {

@@ -102,8 +102,7 @@ struct V4l2Source::State {
 
   void setProblem(const Error& error) {
     const std::scoped_lock lock(mutex);
-    status.present = false;
-    status.problem = error.message;
+    status.setProblem(error);
   }
 
   // The camera has gone: it is tried again from now on.

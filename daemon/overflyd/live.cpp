@@ -151,7 +151,8 @@ Json liveJson(const capture::LiveStatus& s) {
   }
   if (s.gpio) {
     json["gpio"] = {{"open", s.gpio->open}, {"problem", s.gpio->problem}, {"exposures", s.gpio->exposures},
-                    {"pps", s.gpio->pps},   {"bounced", s.gpio->bounced}, {"reopened", s.gpio->reopened}};
+                    {"pps", s.gpio->pps},   {"bounced", s.gpio->bounced}, {"reopened", s.gpio->reopened},
+                    {"problems", s.gpio->problems}};
   }
   if (s.trigger) {
     json["trigger"] = {{"problem", s.trigger->problem},

@@ -102,6 +102,7 @@ TEST(GpioStamps, ComesBackByItself) {
   EXPECT_TRUE(eventually([&] { return exposures == 2; }));
   EXPECT_TRUE(eventually([&] { return stamps.status().reopened == 1; }));
   EXPECT_EQ(stamps.status().problem, "");
+  EXPECT_EQ(stamps.status().problems, 2U) << "in use, which is said three times, and gone";
 }
 
 TEST(GpioLines, WhatIsWrongIsSaid) {

@@ -85,6 +85,29 @@ TEST_F(V4l2, AWrongSizeListsTheOnesThatThereAre) {
               AllOf(HasSubstr("at 4000x3000"), HasSubstr("grey 64x48, 32x24")));
 }
 
+// One object, opened again and again as the daemon does: each trouble counts once, however often it is met,
+// and the camera goes on when it is put right.
+TEST_F(V4l2, EachTroubleIsCountedOnceAndGoneOnFrom) {
+  const auto formats = kernel_->formats;
+  const auto meet = [&](ErrorCode code) {
+    for (int i = 0; i < 3; ++i) problemOfOpen(code);
+  };
+  kernel_->plug(false);
+  meet(ErrorCode::Unavailable);
+  kernel_->plug(true);
+  kernel_->open_error = EACCES;
+  meet(ErrorCode::Io);
+  kernel_->open_error = 0;
+  kernel_->formats = {{V4L2_PIX_FMT_HEVC, {{64, 48}}}};
+  meet(ErrorCode::Unsupported);
+  kernel_->formats = formats;
+  ASSERT_TRUE(source().open());
+  EXPECT_TRUE(frame());
+  EXPECT_EQ(source().status().problem, "");
+  EXPECT_EQ(source().status().errors, (std::map<std::string, std::uint64_t>{
+                                          {"not there", 1}, {"not permitted", 1}, {"unsuitable", 1}}));
+}
+
 TEST_F(V4l2, ALensOfAnotherShapeIsRefused) {
   options_.lens.height = 64;
   EXPECT_THAT(problemOfOpen(ErrorCode::Unsupported),

@@ -1,0 +1,14 @@
+#include "capture/camera_source.h"
+
+namespace overfly::capture {
+
+void CameraStatus::setProblem(const Error& error) {
+  present = false;
+  if (problem == error.message) return;
+  problem = error.message;
+  ++errors[error.code == ErrorCode::Unavailable ? "not there"
+           : error.code == ErrorCode::Io        ? "not permitted"
+                                                : "unsuitable"];
+}
+
+}  // namespace overfly::capture
