@@ -52,15 +52,14 @@ std::int64_t PulseMatcher::nearest(std::int64_t time_ns) const {
   return best;
 }
 
-PulseMatcher::Fit PulseMatcher::fit(std::int64_t lag_ns) const {
-  const double scale = static_cast<double>(options_.least_tolerance_ns) / 2;
+PulseMatcher::Fit PulseMatcher::fit(std::int64_t lag_ns, double scale_ns) const {
   Fit fit{lag_ns, 0, 0};
   // The maximum nearby, by reweighting.
   for (int round = 0; round < 4; ++round) {
     double weights = 0, shift = 0;
     for (const std::int64_t stamp : stamps_) {
       const auto off = static_cast<double>(nearest(stamp - fit.lag_ns));
-      const double weight = 1 / (1 + off * off / (scale * scale));
+      const double weight = 1 / (1 + off * off / (scale_ns * scale_ns));
       weights += weight;
       shift -= weight * off;
     }
@@ -70,7 +69,7 @@ PulseMatcher::Fit PulseMatcher::fit(std::int64_t lag_ns) const {
   for (const std::int64_t stamp : stamps_) {
     const std::int64_t off = std::abs(nearest(stamp - fit.lag_ns));
     sizes.push_back(off);
-    fit.misfit += std::log1p(std::pow(static_cast<double>(off) / scale, 2));
+    fit.misfit += std::log1p(std::pow(static_cast<double>(off) / scale_ns, 2));
   }
   fit.spread_ns = median(std::move(sizes));
   return fit;
@@ -79,17 +78,23 @@ PulseMatcher::Fit PulseMatcher::fit(std::int64_t lag_ns) const {
 void PulseMatcher::findLag() {
   if (stamps_.size() < kLeastStamps || pulses_.size() < kLeastStamps) return;
   const std::int64_t apart = std::max(interval() / 4, options_.least_tolerance_ns);
+  const double scale = static_cast<double>(options_.least_tolerance_ns) / 2;
   std::vector<Fit> fits;
   // A few frames stand for all: the right lag is among what they and every pulse would mean.
   for (std::size_t k = 0; k < stamps_.size(); k += stamps_.size() / 4) {
     for (const Pulse& pulse : pulses_) {
       const std::int64_t lag = stamps_[k] - pulse.time_ns;
-      if (std::abs(lag) <= options_.max_lag_ns) fits.push_back(fit(lag));
+      if (std::abs(lag) <= options_.max_lag_ns) fits.push_back(fit(lag, scale));
     }
   }
   if (fits.empty()) return;
   const auto better = [](const Fit& a, const Fit& b) { return a.misfit < b.misfit; };
-  const Fit best = *std::min_element(fits.begin(), fits.end(), better);
+  Fit best = *std::min_element(fits.begin(), fits.end(), better);
+  // Stamps that wander more than was assumed: measured finer than they are, one lag would win by chance.
+  if (const double wander = 1.4826 * static_cast<double>(best.spread_ns); wander > scale) {
+    for (Fit& one : fits) one = fit(one.lag_ns, std::min(wander, static_cast<double>(interval()) / 8));
+    best = *std::min_element(fits.begin(), fits.end(), better);
+  }
   const Fit* chosen = &best;
   Lag lag;
   for (const Fit& other : fits) {

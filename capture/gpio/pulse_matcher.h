@@ -65,7 +65,7 @@ class PulseMatcher {
     std::int64_t spread_ns = 0;  // median of what is left
   };
   void findLag();
-  [[nodiscard]] Fit fit(std::int64_t lag_ns) const;
+  [[nodiscard]] Fit fit(std::int64_t lag_ns, double scale_ns) const;
   [[nodiscard]] std::int64_t nearest(std::int64_t time_ns) const;  // signed distance to the nearest pulse
   [[nodiscard]] std::int64_t interval() const;                     // median between pulses
   [[nodiscard]] std::int64_t tolerance() const;
