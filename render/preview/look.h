@@ -23,7 +23,10 @@ struct Look {
   // ProjectorTextures::kMost; more show more sides and cost a ray each where they do not.
   int projectors = 0;
   double projector_angle = 0.78539816;  // largest between a photograph's viewing direction and this view's
-  double lateral_slope = 0.78539816;    // from which a surface is a side, radians; 0: everything is
+  // A photograph that sees a place at a lower angle than this to the surface (radians) colours it only where
+  // no other does; 0: the one taken nearest does always, as in the thesis.
+  double projector_grazing = 0.2;
+  double lateral_slope = 0.78539816;  // from which a surface is a side, radians; 0: everything is
   // Levels coarser than a pixel's footprint are drawn where this is on (l_opt of 4.2.3); the finest
   // everywhere where it is off.
   bool level_of_detail = true;

@@ -189,6 +189,7 @@ Result<RayCaster::Targets*> RayCaster::render(const View& view, const RayFrame& 
                                        static_cast<float>(cache.highest() - frame.base_height_m)));
   if (projectors > 0) {
     projectors_->bind(p, MapTextures::kUnits, view);
+    p.set("grazing", static_cast<float>(std::sin(look.projector_grazing)));
     constexpr double kBlend = 0.2;  // radians between the least steep side and one without the orthophoto
     p.set("lateral", look.lateral_slope > 0
                          ? Eigen::Vector2f(static_cast<float>(std::cos(look.lateral_slope)),

@@ -6,10 +6,14 @@ uniform highp sampler2DArray projector_images;  // premultiplied by alpha, with 
 uniform mat4x3 projector[PROJECTORS];
 uniform float projector_detail[PROJECTORS];  // its focal length in pixels over this picture's
 uniform float projector_layer[PROJECTORS];
+uniform float grazing;  // sine of the angle to the surface below which a photograph comes after all others
 uniform vec2 lateral;  // cosines of the slopes up to which the orthophoto, and from which photographs alone colour
 
+const float NOWHERE = 1e30, GRAZES = 1e9;
+
 // Of the photographs that show a hit the one taken nearest to it (6.2.3), found out by secondary rays (6.2.2),
-// from the nearest on: the first that reaches its centre ends the search. Alpha 0: none shows it.
+// from the nearest on: the first that reaches its centre ends the search. Those that see it at a grazing angle,
+// smeared, come last. Alpha 0: none shows it.
 // `from`: where the rays begin, in the map's coordinates from hit.place, a little above the surface.
 vec4 projectedColor(Hit hit, vec3 direction, vec3 normal, vec3 from, float finest) {
   vec3 place = hit.t * direction;
@@ -18,20 +22,18 @@ vec4 projectedColor(Hit hit, vec3 direction, vec3 normal, vec3 from, float fines
     vec3 way = projector[k][3] - place;
     vec3 p = mat3(projector[k]) * -way;
     bool inside = p.z > 0.0 && p.x >= 0.0 && p.y >= 0.0 && p.x <= p.z && p.y <= p.z;
-    away[k] = inside && dot(way, normal) > 0.0 ? length(way) : 1e30;
+    float d = length(way), facing = dot(way, normal);
+    away[k] = !inside || facing <= 0.0 ? NOWHERE : facing < grazing * d ? GRAZES * d : d;
   }
   for (int tries = 0; tries < PROJECTORS; ++tries) {
     int nearest = 0;
-    float d = away[0];
-    for (int k = 1; k < PROJECTORS; ++k) {
-      if (away[k] < d) {
-        d = away[k];
-        nearest = k;
-      }
-    }
-    if (d >= 1e30) break;
-    away[nearest] = 1e30;
-    vec3 to = (projector[nearest][3] - place) / d;
+    for (int k = 1; k < PROJECTORS; ++k)
+      if (away[k] < away[nearest]) nearest = k;
+    if (away[nearest] >= NOWHERE) break;
+    away[nearest] = NOWHERE;
+    vec3 to = projector[nearest][3] - place;
+    float d = length(to);
+    to /= d;
     // The ray's straight line as the map's coordinates bend it there.
     vec3 along = per_metre * to +
                  2.0 * hit.t * vec3(dot(to, bend_x * direction), dot(to, bend_y * direction), dot(to, bend_z * direction));

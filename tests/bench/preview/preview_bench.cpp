@@ -6,13 +6,16 @@
 //   bench_preview --benchmark_filter=Frame
 #include <benchmark/benchmark.h>
 
+#include <algorithm>
 #include <cmath>
+#include <ctime>
 #include <map>
 #include <memory>
 
 #include "render/preview/previewer.h"
 #include "tests/bench/preview/endless_map.h"
 #include "tests/bench/preview/mesh_peer.h"
+#include "tests/unit/preview/photo_ring.h"
 
 namespace overfly::bench {
 namespace {
@@ -233,6 +236,75 @@ BENCHMARK(Mesh)
     ->ArgNames({"size", "tenths_of_a_pixel"})
     ->ArgsProduct({{0, 1, 2}, {15, 10, 5}})
     ->MeasureProcessCPUTime()
+    ->Unit(benchmark::kMillisecond);
+
+double cpuMilliseconds() {
+  timespec now{};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) * 1e-6;
+}
+
+// What photographs on steep sides cost (thesis, 6.3.1): pictures with none and with some in turn, CPU time of
+// each. "everywhere": they colour all of the surface, not its sides alone. "changed": share of the pixels.
+void Lateral(benchmark::State& state) {
+  Scene& s = scene(10);
+  s.lookDown(640, 360);
+  const auto middle = s.view.position;
+  std::vector<View> cameras;
+  for (int i = 0; i < 8; ++i) {
+    View camera = s.view;
+    camera.heading = s.view.heading + geo::radians(-40 + 80.0 * i / 7);
+    camera.pitch = -0.7;
+    const geo::LocalFrame local(middle);
+    camera.position = geo::geodeticFromEcef(
+        local.ecefFromEnu({-25 + 50 * std::sin(0.9 * i), -15 + 45 * std::cos(1.7 * i), -10 + 2.0 * i}));
+    camera.width = 1024;
+    camera.height = 768;
+    cameras.push_back(camera);
+  }
+  test::PhotoRing photos(cameras, [](double u, double v, std::size_t) {
+    return test::PhotoRing::Rgb{static_cast<std::uint8_t>(255 * u), static_cast<std::uint8_t>(255 * v), 40};
+  });
+  Look look = plain(), projected = plain();
+  projected.projectors = static_cast<int>(state.range(0));
+  if (state.range(1) != 0) projected.lateral_slope = 0;
+  s.previewer.setProjectors(&photos);
+  if (!settle(state, s, projected)) return;
+  const auto draw = [&](const Look& how) {
+    const double begin = cpuMilliseconds();
+    const auto drawn = s.previewer.caster().drawOnly(s.view, *s.previewer.frame(), how, *s.previewer.cache(),
+                                                     *s.previewer.textures());
+    if (!drawn) state.SkipWithError(drawn.error().message.c_str());
+    return cpuMilliseconds() - begin;
+  };
+  static_cast<void>(draw(look));  // compiles
+  double without = 0, with = 0;
+  for (auto _ : state) {
+    without += draw(look);
+    with += draw(projected);
+  }
+  const auto shown = [&](const Look& how) {
+    return s.previewer.caster().draw(s.view, *s.previewer.frame(), how, *s.previewer.cache(),
+                                     *s.previewer.textures());
+  };
+  const auto a = shown(look), b = shown(projected);
+  if (a && b) {
+    std::size_t changed = 0;
+    for (std::size_t i = 0; i < a->rgba.size(); i += 4)
+      changed += std::equal(&a->rgba[i], &a->rgba[i] + 3, &b->rgba[i]) ? 0 : 1;
+    state.counters["changed"] = 4.0 * static_cast<double>(changed) / static_cast<double>(a->rgba.size());
+  }
+  const auto count = static_cast<double>(state.iterations());
+  state.counters["ms_without"] = without / count;
+  state.counters["ms_with"] = with / count;
+  state.counters["ratio"] = with / without;
+  s.previewer.setProjectors(nullptr);
+  s.previewer.caster().project(nullptr);
+}
+BENCHMARK(Lateral)
+    ->ArgNames({"projectors", "everywhere"})
+    ->ArgsProduct({{0, 1, 2, 4, 8}, {0, 1}})
+    ->Iterations(5)
     ->Unit(benchmark::kMillisecond);
 
 // DVT's setting: 3 ms for updates a frame, on a flight of 1.7 cm a frame over tiles that live 1 s and may be

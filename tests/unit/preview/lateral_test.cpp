@@ -99,6 +99,7 @@ std::optional<Shown> shownBy(const PhotoRing& photos, std::size_t count, const R
 
 TEST_P(Lateral, TheNearestPhotographThatShowsAPointColoursIt) {
   look.lateral_slope = 0;  // all of the surface
+  look.projector_grazing = 0;
   for (const int count : {1, 3, 8}) {
     look.projectors = 0;
     const auto plain = previewer.drawSettled(view, look);

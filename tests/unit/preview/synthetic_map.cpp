@@ -60,13 +60,19 @@ void SyntheticMap::makeTile(int tile_x, int tile_y, const Height& height) {
       const float h = height(gx, gy);
       any = any || std::isfinite(h);
       tile->elevation.push_back(h);
-      const std::uint32_t noise = hash(gx / 2, gy / 2) & 31U;
-      const bool check = (((gx >> 3) ^ (gy >> 3)) & 1) != 0;
-      const auto green = static_cast<std::uint8_t>(std::isfinite(h) ? 90 + noise + (check ? 60 : 0) : 0);
+      const bool valid = std::isfinite(h);
+      std::array<std::uint8_t, 3> color{};
+      if (valid && options_.color) {
+        color = options_.color(gx, gy);
+      } else if (valid) {
+        const std::uint32_t noise = hash(gx / 2, gy / 2) & 31U;
+        const bool check = (((gx >> 3) ^ (gy >> 3)) & 1) != 0;
+        color = {static_cast<std::uint8_t>((tile_x * 37 + 80) & 255),
+                 static_cast<std::uint8_t>(90 + noise + (check ? 60 : 0)),
+                 static_cast<std::uint8_t>((tile_y * 53 + 60) & 255)};
+      }
       tile->color.insert(tile->color.end(),
-                         {static_cast<std::uint8_t>(std::isfinite(h) ? (tile_x * 37 + 80) & 255 : 0), green,
-                          static_cast<std::uint8_t>(std::isfinite(h) ? (tile_y * 53 + 60) & 255 : 0),
-                          static_cast<std::uint8_t>(std::isfinite(h) ? 255 : 0)});
+                         {color[0], color[1], color[2], static_cast<std::uint8_t>(valid ? 255 : 0)});
       tile->confidence.push_back(static_cast<std::uint8_t>(255 * gx / std::max(texels(), 1)));
     }
   }

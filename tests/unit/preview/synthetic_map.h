@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <limits>
@@ -15,12 +16,14 @@ class SyntheticMap : public preview::TileSource {
  public:
   // Height of a level-0 texel, counted from the map's north-west corner; NaN: no data.
   using Height = std::function<float(int x, int y)>;
+  using Color = std::function<std::array<std::uint8_t, 3>(int x, int y)>;
   struct Options {
     geo::TileLattice lattice = geo::TileLattice::webMercator();
     double lat_deg = 47.6712, lon_deg = 9.1743;  // of the north-west corner (moved to a tile's)
     int zoom = 21;
     int tile_size = 64;
     int tiles = 6;  // on each side
+    Color color;    // of a level-0 texel; absent: a pattern
   };
   SyntheticMap(const Options& options, Height height);
 
