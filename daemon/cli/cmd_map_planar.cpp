@@ -71,7 +71,8 @@ Result<int> mapOntoPlane(const PlanarCommand& command) {
           {"ground",
            {{"gsd_m", ground->gsd_m}, {"height_m", ground->height_m}, {"anchor_px", ground->anchor_px}}}}
           .dump();
-  auto store = tiling::MapStore::create(command.map, meta);
+  // Tiles that are still needed are in the map's own memory: little for SQLite's.
+  auto store = tiling::MapStore::create(command.map, meta, {.vfs = {}, .cache_bytes = 1u << 20});
   if (!store) return tl::unexpected(store.error());
   tiling::PlanarOptions options;
   options.height_m = ground->height_m;

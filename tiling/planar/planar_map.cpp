@@ -32,6 +32,7 @@ PlaneBox boxOf(const std::array<Eigen::Vector2d, 4>& polygon) {
 
 constexpr std::size_t kSpareImages = 4;
 constexpr std::size_t kSpareTiles = 16;
+constexpr std::size_t kMostGone = 4096;
 
 }  // namespace
 
@@ -381,6 +382,10 @@ Result<void> PlanarMap::makeParents(std::span<const TileJob> jobs) {
 
 Result<void> PlanarMap::submit() {
   const auto start = std::chrono::steady_clock::now();
+  if (gone_.size() > kMostGone && !writer_.flush(std::chrono::seconds(60)))
+    return fail(ErrorCode::Io, "the disk does not take the map: " + writer_.status().reason);
+  // What left memory came with earlier batches.
+  if (writer_.status().waiting_batches == 0) gone_.clear();
   for (;;) {
     const auto submitted = writer_.submit(std::move(batch_));
     if (submitted) break;
@@ -397,7 +402,6 @@ Result<void> PlanarMap::submit() {
     halves_.erase(halves_order_.front());
     halves_order_.pop_front();
   }
-  if (writer_.status().waiting_batches == 0) gone_.clear();
   return {};
 }
 

@@ -98,13 +98,13 @@ Result<void> decodeQuality(std::span<const std::uint8_t> bytes, Tile& tile) {
 }
 
 float medianGsd(const Tile& tile) {
-  std::vector<std::uint8_t> known;
-  std::copy_if(tile.gsd.begin(), tile.gsd.end(), std::back_inserter(known),
-               [](auto code) { return code != 0; });
-  if (known.empty()) return 0;
-  const auto middle = known.begin() + static_cast<std::ptrdiff_t>(known.size() / 2);
-  std::nth_element(known.begin(), middle, known.end());
-  return static_cast<float>(gsdFromCode(*middle));
+  std::size_t count[256] = {}, known = 0;
+  for (const std::uint8_t code : tile.gsd) ++count[code];
+  for (std::size_t code = 1; code < 256; ++code) known += count[code];
+  if (known == 0) return 0;
+  std::size_t below = 0, code = 0;
+  while (below <= known / 2) below += count[++code];
+  return static_cast<float>(gsdFromCode(static_cast<std::uint8_t>(code)));
 }
 
 }  // namespace
