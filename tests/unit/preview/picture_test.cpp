@@ -202,6 +202,49 @@ TEST_F(Pictures, LevelsOfDetailMoveTheSurfaceByLessThanThePixelsCell) {
   EXPECT_LE(beyond, compared / 100) << "of " << compared;
 }
 
+// At walls: what is hit lies no farther from the exact surface than the cell that a pixel covers is wide. A
+// wall is part of the surface from its foot to its top, so all heights between those within a cell's width
+// count.
+TEST_F(Pictures, LevelsOfDetailMoveWallsByLessThanThePixelsCell) {
+  SyntheticMap map({}, test::townHeight);
+  RamCache ram(map);
+  Previewer previewer(context(), ram);
+  View view = viewOf(map, 190, 560, 40, 0, -28);
+  view.width = 96;
+  view.height = 64;
+  const auto frame = previewer.drawSettled(view, {}, true);
+  ASSERT_TRUE(frame.has_value()) << frame.error().message;
+  const Domain& domain = previewer.cache()->domain();
+  const HeightGrid grid = HeightGrid::load(domain, map, 0).value();
+  int compared = 0, walls = 0, beyond = 0;
+  for (int y = 0; y < view.height; ++y) {
+    for (int x = 0; x < view.width; ++x) {
+      const RayHit& hit = frame->picture.hits[static_cast<std::size_t>(y * view.width + x)];
+      if (!hit.found || hit.level == 0) continue;
+      const double cell = std::max(hit.t * pixelAngle(view), domain.texelSize());
+      const int reach = static_cast<int>(std::ceil(cell / domain.texelSize()));
+      const Eigen::Vector2i at = hit.texel.array().floor().cast<int>();
+      double low = 1e9, high = -1e9;
+      bool edge = false;  // of the map: a wall from below everything
+      for (int v = -2 * reach; v <= 2 * reach; ++v) {
+        for (int u = -2 * reach; u <= 2 * reach; ++u) {
+          edge = edge || !grid.valid(at.x() + u, at.y() + v);
+          if (edge || std::abs(u) > reach || std::abs(v) > reach) continue;
+          low = std::min(low, static_cast<double>(grid.at(at.x() + u, at.y() + v)));
+          high = std::max(high, static_cast<double>(grid.at(at.x() + u, at.y() + v)));
+        }
+      }
+      if (edge) continue;
+      ++compared;
+      walls += high - low > 3 ? 1 : 0;
+      beyond += hit.height_m < low - cell || hit.height_m > high + cell ? 1 : 0;
+    }
+  }
+  std::printf("%d pixels, %d of them beside walls: %d farther off than a cell\n", compared, walls, beyond);
+  EXPECT_GT(walls, compared / 4);
+  EXPECT_LE(beyond, compared / 1000);
+}
+
 // Fifty tiles a second get other heights while the camera flies and then rests: no picture has a hole, no
 // update passes its budget, where the camera rests no pixel's level drops, and the picture is soon whole
 // again.
