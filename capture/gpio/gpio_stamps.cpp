@@ -90,7 +90,6 @@ void GpioStamps::serve(EdgeLines& lines, const std::stop_token& stop) {
       return;
     }
     for (const GpioEdge& edge : *edges) {
-      if (listeners_.raw) listeners_.raw(edge);
       const bool exposure = options_.exposure && edge.line == options_.exposure->line;
       const bool good = debouncer.accept(edge);
       {
@@ -103,6 +102,9 @@ void GpioStamps::serve(EdgeLines& lines, const std::stop_token& stop) {
     }
     // Edges from before the wait are told now; a kernel needs well below a millisecond to queue one.
     if (listeners_.quiet) listeners_.quiet(before - 1'000'000);
+    // Last: a recording that is busy with a frame must not keep a pulse from the next one.
+    if (listeners_.raw)
+      for (const GpioEdge& edge : *edges) listeners_.raw(edge);
   }
 }
 

@@ -75,11 +75,27 @@ TEST(GpioStamps, EdgesGoWhereTheyBelong) {
                     });
   stamps.start();
   EXPECT_TRUE(eventually([&] { return exposures == 2 && pps == 1 && quiet > 0; }));
-  EXPECT_EQ(raw, 4);
+  EXPECT_TRUE(eventually([&] { return raw == 4; }));
   const GpioStatus status = stamps.status();
   EXPECT_TRUE(status.open);
   EXPECT_EQ(status.bounced, 1U);
   EXPECT_EQ(status.problem, "");
+}
+
+TEST(GpioStamps, APulseIsToldBeforeItIsRecorded) {
+  GpioStampsOptions options;
+  options.exposure = {5, true};
+  std::atomic<int> exposures{0}, told_before{-1};
+  GpioStamps stamps(
+      options,
+      {[&](const RawInput&) { told_before = exposures.load(); }, [&](std::int64_t) { ++exposures; }, {}, {}},
+      [](const std::vector<LineWanted>&) -> Result<std::unique_ptr<EdgeLines>> {
+        return std::make_unique<PlayedEdges>(std::vector<std::vector<GpioEdge>>{{edge(5, 1000 * kMs)}},
+                                             false);
+      });
+  stamps.start();
+  EXPECT_TRUE(eventually([&] { return told_before >= 0; }));
+  EXPECT_EQ(told_before, 1);
 }
 
 // A line that somebody else has, a chip that is unplugged: said, counted, and gone on when it is free or
