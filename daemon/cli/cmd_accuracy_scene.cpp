@@ -139,6 +139,8 @@ nlohmann::json asJson(const Row& row) {
           {"ground", asJson(c.ground)},
           {"solids", asJson(c.solids)},
           {"plants", asJson(c.plants)},
+          {"seen", asJson(c.seen)},
+          {"hidden", asJson(c.hidden)},
           {"colour",
            {{"texels", c.colour.texels},
             {"median", c.colour.median},
@@ -163,6 +165,8 @@ void print(const Row& row) {
   line("ground", c.ground);
   line("solids", c.solids);
   line("plants", c.plants);
+  line("seen", c.seen);
+  line("hidden", c.hidden);
   fmt::print("  colour: median {:.1f}, 95th percentile {:.1f} of 255, beyond 32: {:.4f}\n\n", c.colour.median,
              c.colour.p95, c.colour.beyond_32);
 }

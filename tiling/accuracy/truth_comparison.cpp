@@ -8,22 +8,43 @@
 namespace overfly::tiling {
 namespace {
 
+constexpr int kViewsForHeight = 2;  // fewer see a place: its height is not to be had from pictures
+
+// Height errors of one sort of places, and how many were asked for.
+struct Sort {
+  std::vector<double> heights;
+  std::size_t asked = 0;
+
+  void add(const Sort& other) {
+    heights.insert(heights.end(), other.heights.begin(), other.heights.end());
+    asked += other.asked;
+  }
+};
+
 struct Errors {
-  std::vector<double> heights[3];  // by scene::Hit::Kind
-  std::size_t asked[3] = {};
+  Sort by_kind[3];  // scene::Hit::Kind
+  Sort seen, hidden;
   std::vector<double> luminance;
 
   void add(const Errors& other) {
-    for (std::size_t kind = 0; kind < 3; ++kind) {
-      heights[kind].insert(heights[kind].end(), other.heights[kind].begin(), other.heights[kind].end());
-      asked[kind] += other.asked[kind];
-    }
+    for (std::size_t kind = 0; kind < 3; ++kind) by_kind[kind].add(other.by_kind[kind]);
+    seen.add(other.seen);
+    hidden.add(other.hidden);
     luminance.insert(luminance.end(), other.luminance.begin(), other.luminance.end());
   }
 };
 
+// How many frames have the point within their picture, up to `enough`; with a geometry only those that
+// nothing hides it from.
 int framesWith(const Eigen::Vector3d& point_in_ecef, const scene::FlightPlan& plan,
-               const capture::CameraModel& camera, int enough) {
+               const capture::CameraModel& camera, int enough, const scene::Geometry* geometry = nullptr) {
+  constexpr double kOff = 0.02;  // metres: nearer to the point the ray meets the point's own surface
+  const auto hidden = [&](const Eigen::Vector3d& eye_in_ecef) {
+    const geo::LocalFrame& local = geometry->world().local;
+    const Eigen::Vector3d point = local.enuFromEcef(point_in_ecef),
+                          way = local.enuFromEcef(eye_in_ecef) - point;
+    return geometry->blocked({point, way / way.norm()}, kOff, way.norm());
+  };
   int frames = 0;
   for (const scene::PlannedFrame& frame : plan.frames) {
     const Eigen::Vector3d in_camera =
@@ -31,6 +52,7 @@ int framesWith(const Eigen::Vector3d& point_in_ecef, const scene::FlightPlan& pl
     const auto pixel = camera.project(in_camera);
     if (!pixel || pixel->x() < 0 || pixel->y() < 0 || pixel->x() > camera.width || pixel->y() > camera.height)
       continue;
+    if (geometry != nullptr && hidden(frame.exact.position_in_ecef)) continue;
     if (++frames >= enough) break;
   }
   return frames;
@@ -89,11 +111,17 @@ TruthComparison compareWithTruth(const std::map<geo::TileKey, Tile>& tiles, cons
               errors.luminance.push_back(std::abs(luminance(rgba) - luminance(point->colour.data())));
           }
           if (frames < options.min_frames) continue;
-          const auto kind = static_cast<std::size_t>(point->kind);
-          ++errors.asked[kind];
+          Sort& of_kind = errors.by_kind[static_cast<std::size_t>(point->kind)];
+          const bool seen =
+              framesWith(in_ecef, plan, camera, kViewsForHeight, &truth.geometry()) >= kViewsForHeight;
+          Sort& of_sight = seen ? errors.seen : errors.hidden;
+          ++of_kind.asked;
+          ++of_sight.asked;
           if (found == tiles.end() || (found->second.kind[texel] & kMeasured) == 0) continue;
-          errors.heights[kind].push_back(
-              (static_cast<double>(found->second.elevation[texel]) - point->height_m) / place.gsd_m);
+          const double error =
+              (static_cast<double>(found->second.elevation[texel]) - point->height_m) / place.gsd_m;
+          of_kind.heights.push_back(error);
+          of_sight.heights.push_back(error);
         }
     }
   };
@@ -106,16 +134,15 @@ TruthComparison compareWithTruth(const std::map<geo::TileKey, Tile>& tiles, cons
   Errors errors = half(0);
   errors.add(other.get());
 
-  std::vector<double> all;
-  std::size_t asked = 0;
-  for (std::size_t kind = 0; kind < 3; ++kind) {
-    all.insert(all.end(), errors.heights[kind].begin(), errors.heights[kind].end());
-    asked += errors.asked[kind];
-  }
-  result.all = statisticsOf(std::move(all), asked);
-  result.ground = statisticsOf(std::move(errors.heights[0]), errors.asked[0]);
-  result.solids = statisticsOf(std::move(errors.heights[1]), errors.asked[1]);
-  result.plants = statisticsOf(std::move(errors.heights[2]), errors.asked[2]);
+  Sort all;
+  for (const Sort& kind : errors.by_kind) all.add(kind);
+  const auto statistics = [](Sort& sort) { return statisticsOf(std::move(sort.heights), sort.asked); };
+  result.all = statistics(all);
+  result.ground = statistics(errors.by_kind[0]);
+  result.solids = statistics(errors.by_kind[1]);
+  result.plants = statistics(errors.by_kind[2]);
+  result.seen = statistics(errors.seen);
+  result.hidden = statistics(errors.hidden);
   result.colour = colourStatistics(std::move(errors.luminance));
   return result;
 }

@@ -35,6 +35,7 @@ struct ColourStatistics {
 // count as one.
 struct TruthComparison {
   ErrorStatistics all, ground, solids, plants;  // by what is really there
+  ErrorStatistics seen, hidden;  // places that two frames or more see, and those that other things hide
   ColourStatistics colour;
 };
 
