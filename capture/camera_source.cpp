@@ -7,7 +7,7 @@ void CameraStatus::setProblem(const Error& error) {
   if (problem == error.message) return;
   problem = error.message;
   ++errors[error.code == ErrorCode::Unavailable ? "not there"
-           : error.code == ErrorCode::Io        ? "not permitted"
+           : error.code == ErrorCode::Io        ? "refused"
                                                 : "unsuitable"];
 }
 

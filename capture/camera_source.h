@@ -16,7 +16,7 @@ struct CameraStatus {
   std::uint64_t frames = 0;   // handed out
   std::uint64_t dropped = 0;  // gaps in the driver's own frame numbers, never in ours
   std::uint64_t reconnects = 0;
-  // By kind: "damaged", "unplugged", "no exposure control"; "not there", "not permitted" and "unsuitable"
+  // By kind: "damaged", "unplugged", "no exposure control"; "not there", "refused" and "unsuitable"
   // whenever `problem` says something new.
   std::map<std::string, std::uint64_t> errors;
 

@@ -8,11 +8,13 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <optional>
 #include <sstream>
 
 #include "daemon/cli/command.h"
 #include "daemon/cli/progress.h"
 #include "render/preview/previewer.h"
+#include "tiling/preview/frame_projectors.h"
 #include "tiling/preview/store_tile_source.h"
 
 namespace overfly::cli {
@@ -25,7 +27,7 @@ struct Arguments {
   std::string map, out, from, look, size = "1280x720", at, sun = "315,45", flyover;
   std::string surface = "linear", filter = "anisotropic", mode = "color", no_data = "hole";
   double fov = 60, relief = 0.4;
-  int anisotropy = 4, memory_mb = 512, orbit = 0, frames = 100;
+  int anisotropy = 4, memory_mb = 512, orbit = 0, frames = 100, photos = 0;
   bool shadows = false, finest = false;
 };
 
@@ -73,6 +75,7 @@ Look lookOf(const Arguments& arguments, const std::vector<double>& sun) {
                                                     {"level", preview::Mode::Level}});
   look.no_data = arguments.no_data == "patch" ? preview::NoData::Patch : preview::NoData::Hole;
   look.max_anisotropy = arguments.anisotropy;
+  look.projectors = arguments.photos;
   look.shadows = arguments.shadows;
   look.relief = arguments.relief;
   look.sun_heading = geo::radians(sun[0]);
@@ -267,14 +270,24 @@ Result<int> draw(const Context& context, const Arguments& arguments) {
   view.fov = geo::radians(arguments.fov);
   view.width = width;
   view.height = height;
-  if (arguments.orbit > 0) {
+  if (arguments.photos > 0 || arguments.orbit > 0) {
     // The ground's height: known once something was drawn.
     View probe = view;
     probe.width = probe.height = 16;
     if (const auto drawn = previewer.drawSettled(probe, look); !drawn) return tl::unexpected(drawn.error());
+  }
+  std::optional<tiling::FrameProjectors> photographs;
+  if (arguments.photos > 0) {
+    const auto map = tiling::MapReader::open(arguments.map);
+    if (!map) return tl::unexpected(map.error());
+    auto made = tiling::FrameProjectors::create(*map, arguments.map, previewer.cache()->baseHeight());
+    if (!made) return tl::unexpected(made.error());
+    photographs = std::move(*made);
+    previewer.setProjectors(&*photographs);
+  }
+  if (arguments.orbit > 0)
     return drawSequence(context, arguments, previewer,
                         orbit(view, previewer.cache()->baseHeight(), arguments.orbit), look);
-  }
   if (!arguments.flyover.empty()) {
     const auto views = flyover(view, arguments.flyover, arguments.frames);
     if (!views) return tl::unexpected(views.error());
@@ -303,6 +316,7 @@ Result<int> draw(const Context& context, const Arguments& arguments) {
       {"look", {geo::degrees(view.heading), geo::degrees(view.pitch)}},
       {"seconds", seconds},
       {"tiles", counts.tiles},
+      {"photos", frame->projectors},
       {"gpu_mb", static_cast<double>(previewer.textures()->bytes()) * 1e-6},
       {"share_of_map", static_cast<double>(hits) / rays},
       {"steps_per_ray", static_cast<double>(steps) / rays}};
@@ -382,6 +396,13 @@ void build(CLI::App& command, Context& context) {
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
   command.add_flag("--shadows", a->shadows, "cast shadows");
+  command
+      .add_option(
+          "--photos", a->photos,
+          "colour steep sides from this many of the map's photographs, the nearest of those taken at most 45 "
+          "degrees from the view's direction; a flight that looks straight down has none for a flat view")
+      ->check(CLI::Range(0, preview::ProjectorTextures::kMost))
+      ->capture_default_str();
   command.add_option("--sun", a->sun, "where the light comes from: HEADING,HEIGHT in degrees")
       ->capture_default_str();
   command.add_flag("--finest", a->finest, "the finest level everywhere, however far away (slow)");

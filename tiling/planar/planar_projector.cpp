@@ -353,8 +353,8 @@ PlanarPlan::Changes PlanarPlan::prepare(Tile& tile, const Marks& marks) const {
       moves = moves || place[k] != k;
     }
     if (moves)
-      for (std::uint16_t& source : tile.source)
-        if (source != Tile::kNoSource) source = place[source];
+      for (std::uint16_t& source : tile.source)  // kGone: an earlier plan's pictures could not be had
+        if (source < place.size()) source = place[source];
     tile.frame_set = ids_;
   }
   Changes changes{std::vector<bool>(views_.size(), false), {}};

@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
 #include <utility>
 
 #include "capture/image_decode.h"
@@ -78,31 +80,22 @@ Result<preview::ProjectorImage> undistortedImage(const capture::Image& image,
   while (divide < 8 && 2 * divide * std::max(sx, sy) <= 1) divide *= 2;
   const auto pixels = capture::decodeImageWords(image, divide);
   if (!pixels) return tl::unexpected(pixels.error());
-  out.rgba.assign(4 * static_cast<std::size_t>(width) * static_cast<std::size_t>(height), 0);
-  std::uint8_t* to = out.rgba.data();
+  cv::Mat at_x(height, width, CV_32F), at_y(height, width, CV_32F), reached(height, width, CV_8U);
   for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; ++x, to += 4) {
+    for (int x = 0; x < width; ++x) {
       const auto at = plan->sourceFromPinhole({(x + 0.5) / sx, (y + 0.5) / sy});
-      if (!at || at->x() < 0 || at->y() < 0 || at->x() > camera.width || at->y() > camera.height) continue;
-      const double u = std::clamp(at->x() / divide - 0.5, 0.0, pixels->width - 1.0);
-      const double v = std::clamp(at->y() / divide - 0.5, 0.0, pixels->height - 1.0);
-      const int i = std::min(static_cast<int>(u), std::max(pixels->width - 2, 0));
-      const int j = std::min(static_cast<int>(v), std::max(pixels->height - 2, 0));
-      const int right = std::min(i + 1, pixels->width - 1), below = std::min(j + 1, pixels->height - 1);
-      const double a = u - i, b = v - j;
-      const auto texel = [&pixels](int px, int py, int c) {
-        return static_cast<double>(
-            pixels->rgbx[4 * (static_cast<std::size_t>(py) * static_cast<std::size_t>(pixels->width) +
-                              static_cast<std::size_t>(px)) +
-                         static_cast<std::size_t>(c)]);
-      };
-      for (int c = 0; c < 3; ++c)
-        to[c] = static_cast<std::uint8_t>(
-            std::lround((1 - b) * ((1 - a) * texel(i, j, c) + a * texel(right, j, c)) +
-                        b * ((1 - a) * texel(i, below, c) + a * texel(right, below, c))));
-      to[3] = 255;
+      const bool inside =
+          at && at->x() >= 0 && at->y() >= 0 && at->x() <= camera.width && at->y() <= camera.height;
+      reached.at<std::uint8_t>(y, x) = inside ? 255 : 0;
+      at_x.at<float>(y, x) = inside ? static_cast<float>(at->x() / divide - 0.5) : 0;
+      at_y.at<float>(y, x) = inside ? static_cast<float>(at->y() / divide - 0.5) : 0;
     }
   }
+  out.rgba.resize(4 * static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+  cv::Mat rgba(height, width, CV_8UC4, out.rgba.data());
+  const cv::Mat words(pixels->height, pixels->width, CV_8UC4, const_cast<std::uint8_t*>(pixels->rgbx.data()));
+  cv::remap(words, rgba, at_x, at_y, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  cv::insertChannel(reached, rgba, 3);
   return out;
 }
 

@@ -70,6 +70,19 @@ TEST(TruthComparison, TheTruthItselfHasNoError) {
   EXPECT_EQ(c.colour.p95, 0);
 }
 
+// Behind the box, 8 m high, lies ground that the frames of one line have in their pictures and do not see.
+TEST(TruthComparison, HiddenPlacesAreToldFromSeenOnes) {
+  Fixture map;
+  EXPECT_EQ(map.compare().hidden.points, 0u) << "all nine frames see round the box";
+  map.plan.frames.resize(3);
+  const TruthComparison c = map.compare(2);
+  EXPECT_EQ(c.seen.points + c.hidden.points, c.all.points);
+  EXPECT_GT(c.hidden.points, 3u);
+  EXPECT_LT(c.hidden.points, c.all.points / 20);
+  map.plan.frames.resize(1);
+  EXPECT_EQ(map.compare(1).seen.points, 0u) << "one frame tells no height";
+}
+
 TEST(TruthComparison, ErrorsAreMapMinusTruthInGsd) {
   Fixture map;
   for (auto& [key, tile] : map.tiles)

@@ -160,8 +160,9 @@ TEST(PlanarPlan, EachTexelTakesTheFrameThatLooksMostSteeply) {
   EXPECT_EQ(seen.size(), 3u);
 }
 
-// Whatever the order in which frames come: what is drawn on is what would be drawn anew, also when a frame
-// leaves again. Only the pictures of frames that give new texels are given.
+// Whatever the order in which frames come: what is drawn on is what would be drawn anew, also when frames
+// leave again, one of them with a plan that was never carried out. Only the pictures of frames that give new
+// texels are given.
 TEST(PlanarPlan, ATileThatIsDrawnOnIsTheTileDrawnAnew) {
   const double places[][2] = {{-14, -4}, {9, 6}, {3, -15}, {-5, 12}, {1, 0}};
   std::vector<IndexedFrame> records;
@@ -180,11 +181,11 @@ TEST(PlanarPlan, ATileThatIsDrawnOnIsTheTileDrawnAnew) {
     std::set<std::size_t> seen;
     std::optional<Tile> tile;
     PlanarPlan::Marks marks;
-    for (std::size_t step = 0; step < 6; ++step) {
+    for (std::size_t step = 0; step < 7; ++step) {
       if (step < 5)
         seen.insert(order[step]);
       else
-        seen.erase(order[1]);
+        seen.erase(order[step - 4]);
       std::vector<const IndexedFrame*> candidates;
       for (const std::size_t k : seen) candidates.push_back(&records[k]);
       const PlanarPlan plan(lattice(), key, 256, kGround_m, candidates);
@@ -193,6 +194,7 @@ TEST(PlanarPlan, ATileThatIsDrawnOnIsTheTileDrawnAnew) {
         marks = plan.noMarks();
       }
       const PlanarPlan::Changes changes = plan.prepare(*tile, marks);
+      if (step == 5 && seed % 2 == 1) continue;  // the pictures could not be had
       std::vector<PlanarImagePtr> images, given;
       for (std::size_t k = 0; k < plan.frames().size(); ++k) {
         images.push_back(pictures[plan.frames()[k] - 10]);

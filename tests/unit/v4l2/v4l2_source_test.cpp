@@ -105,7 +105,7 @@ TEST_F(V4l2, EachTroubleIsCountedOnceAndGoneOnFrom) {
   EXPECT_TRUE(frame());
   EXPECT_EQ(source().status().problem, "");
   EXPECT_EQ(source().status().errors, (std::map<std::string, std::uint64_t>{
-                                          {"not there", 1}, {"not permitted", 1}, {"unsuitable", 1}}));
+                                          {"not there", 1}, {"refused", 1}, {"unsuitable", 1}}));
 }
 
 TEST_F(V4l2, ALensOfAnotherShapeIsRefused) {
