@@ -19,7 +19,7 @@ using capture::kMs;
 using capture::kSecond;
 
 constexpr double kGround = 450, kTexel = 0.25;  // metres; the simulated flight is at 500 m
-constexpr int kTileSize = 64, kPixels = 160;
+constexpr int kTileSize = 64;
 
 // Textured ground without anything on it, along the simulated flight's way.
 std::shared_ptr<const scene::World> ground() {
