@@ -94,7 +94,7 @@ Result<link::PreviewPicture> OnboardView::draw(const std::filesystem::path& map,
   view.width = asked.width;
   view.height = asked.height;
   const preview::Look look;
-  const preview::ClipCache::Budget budget{.time = kUploadTime};
+  const preview::ClipCache::Budget budget{.time = kUploadTime, .aside = true};
   // On the GL thread: a previewer of this context.
   const auto ready = [&](gl::Context& context) {
     if (scene_->previewer && scene_->generation == gl_.generation()) return;
@@ -114,7 +114,7 @@ Result<link::PreviewPicture> OnboardView::draw(const std::filesystem::path& map,
                              .get();
     if (!refined) return tl::unexpected(refined.error());
     if (rounds > 0 && scene_->previewer->cache()->ready() && refined->settled()) break;
-    if (refined->left == 0) std::this_thread::sleep_for(10ms);
+    if (refined->uploads == 0) std::this_thread::sleep_for(10ms);
   }
   auto frame = gl_.submit(gl::Priority::Preview, "preview.draw",
                           [&](gl::Context& context) -> Result<preview::Previewer::Frame> {

@@ -82,25 +82,35 @@ RamCache::Found ClipCache::neighbour(int level, int x, int y) const {
   return ram_.find(domain_.key(level, x, y), now_);
 }
 
-void ClipCache::uploadTop() {
-  const int level = domain_.levels() - 2;
-  std::array<SourceTilePtr, 4> children;
-  for (int i = 0; i < 4; ++i) {
-    const RamCache::Found found = neighbour(level, i & 1, i >> 1);
-    children[static_cast<std::size_t>(i)] = found.tile;
-    top_generations_[static_cast<std::size_t>(i)] = found.generation;
+// None: there are no heights yet.
+std::optional<ImageMaker::Job> ClipCache::topJob() const {
+  ImageMaker::Job job;
+  job.top = true;
+  job.level = domain_.levels() - 2;
+  job.size = domain_.tileSize();
+  for (std::size_t i = 0; i < 4; ++i) {
+    const RamCache::Found found = neighbour(job.level, static_cast<int>(i) & 1, static_cast<int>(i) >> 1);
+    job.children[i] = found.tile;
+    job.generations[i] = found.generation;
   }
-  const int size = domain_.tileSize();
-  if (top_bounds_.empty()) {
-    // Heights count from a whole metre in the middle of the map's, for as long as this cache lives.
-    const TopImage probe = makeTopImage(children, size, 0);
-    if (!(probe.highest_m >= probe.lowest_m)) return;  // no heights at all yet
-    base_height_m_ = std::round((probe.lowest_m + probe.highest_m) / 2);
-    lowest_m_ = probe.lowest_m;
-    highest_m_ = probe.highest_m;
+  if (ready()) {
+    job.base_height_m = base_height_m_;
+    return job;
   }
-  TopImage top = makeTopImage(children, size, base_height_m_);
-  if (top.highest_m >= top.lowest_m) {
+  const auto base = baseHeightOf(job.children);
+  if (!base) return std::nullopt;
+  job.base_height_m = *base;
+  return job;
+}
+
+void ClipCache::putTop(const ImageMaker::Job& job, const TopImage& top) {
+  std::copy_n(job.generations.begin(), 4, top_generations_.begin());
+  if (!ready()) {
+    // Heights count from here for as long as this cache lives.
+    base_height_m_ = job.base_height_m;
+    lowest_m_ = top.lowest_m;
+    highest_m_ = top.highest_m;
+  } else if (top.highest_m >= top.lowest_m) {
     lowest_m_ = std::min(lowest_m_, top.lowest_m);
     highest_m_ = std::max(highest_m_, top.highest_m);
   }
@@ -108,9 +118,9 @@ void ClipCache::uploadTop() {
   for (const TileImage& image : top.levels) top_bounds_.push_back(image.bounds);
   sink_.uploadTop(top);
   for (int i = 0; i < 4; ++i) {
-    const Slot& slot =
-        slots_[static_cast<std::size_t>(layout_.slot(level, domain_.key(level, i & 1, i >> 1)))];
-    if (slot.key == domain_.key(level, i & 1, i >> 1)) raise(level, i & 1, i >> 1, size, slot.bounds);
+    const geo::TileKey key = domain_.key(job.level, i & 1, i >> 1);
+    const Slot& slot = slots_[static_cast<std::size_t>(layout_.slot(job.level, key))];
+    if (slot.key == key) raise(job.level, i & 1, i >> 1, job.size, slot.bounds);
   }
 }
 
@@ -167,18 +177,29 @@ void ClipCache::raise(int level, int x, int y, int size, std::vector<float> boun
   }
 }
 
-void ClipCache::upload(const Wanted& wanted) {
-  TileBlock block;
-  Slot& slot = slots_[static_cast<std::size_t>(wanted.slot)];
+ImageMaker::Job ClipCache::tileJob(const Wanted& wanted) const {
+  ImageMaker::Job job;
+  job.key = domain_.key(wanted.level, wanted.x, wanted.y);
+  job.level = wanted.level;
+  job.x = wanted.x;
+  job.y = wanted.y;
+  job.size = domain_.tileSize();
+  job.base_height_m = base_height_m_;
+  job.no_data = options_.no_data;
   for (int j = -1; j <= 1; ++j) {
     for (int i = -1; i <= 1; ++i) {
       const auto k = static_cast<std::size_t>(3 * (j + 1) + i + 1);
       const RamCache::Found found = neighbour(wanted.level, wanted.x + i, wanted.y + j);
-      block[k] = found.tile;
-      slot.generations[k] = found.generation;
+      job.block[k] = found.tile;
+      job.generations[k] = found.generation;
     }
   }
-  TileImage image = makeTileImage(block, base_height_m_, options_.no_data);
+  return job;
+}
+
+void ClipCache::put(const ImageMaker::Job& wanted, TileImage image) {
+  const int index = layout_.slot(wanted.level, wanted.key);
+  Slot& slot = slots_[static_cast<std::size_t>(index)];
   const int size = image.size, half = size / 2;
   if (wanted.level > 0) {
     for (int c = 0; c < 4; ++c) {
@@ -194,19 +215,68 @@ void ClipCache::upload(const Wanted& wanted) {
       }
     }
   }
-  for (const float bound : image.bounds) {
-    if (bound == kNoHeight) continue;
-    highest_m_ = std::max(highest_m_, base_height_m_ + static_cast<double>(bound));
-  }
-  for (const float height : image.heights) {
-    if (height == kNoHeight) continue;
-    lowest_m_ = std::min(lowest_m_, base_height_m_ + static_cast<double>(height));
-  }
-  slot.key = domain_.key(wanted.level, wanted.x, wanted.y);
-  slot.revision = block[4]->revision;
-  slot.bounds = image.bounds;
-  sink_.uploadTile(wanted.slot, image);
+  if (image.highest != kNoHeight)
+    highest_m_ = std::max(highest_m_, base_height_m_ + static_cast<double>(image.highest));
+  if (image.lowest != -kNoHeight)
+    lowest_m_ = std::min(lowest_m_, base_height_m_ + static_cast<double>(image.lowest));
+  slot.key = wanted.key;
+  slot.generations = wanted.generations;
+  slot.revision = wanted.block[4]->revision;
+  sink_.uploadTile(index, image);
+  slot.bounds = std::move(image.bounds);
   raise(wanted.level, wanted.x, wanted.y, size, slot.bounds);
+}
+
+// Nothing of the tile or its neighbours is newer than what was uploaded.
+bool ClipCache::current(const Wanted& wanted) const {
+  const Slot& slot = slots_[static_cast<std::size_t>(wanted.slot)];
+  if (slot.key != domain_.key(wanted.level, wanted.x, wanted.y)) return false;
+  for (int k = 0; k < 9; ++k) {
+    const RamCache::Found found = neighbour(wanted.level, wanted.x + k % 3 - 1, wanted.y + k / 3 - 1);
+    if (found.tile != nullptr && found.generation != slot.generations[static_cast<std::size_t>(k)])
+      return false;
+  }
+  return true;
+}
+
+bool ClipCache::spent(const Budget& budget, Clock::time_point begin, int steps) const {
+  return steps > 0 && (clock_() - begin + cost_ > budget.time || steps >= budget.uploads);
+}
+
+void ClipCache::timed(const std::function<void()>& upload) {
+  const Clock::time_point before = clock_();
+  upload();
+  const std::chrono::nanoseconds took = clock_() - before;
+  cost_ = std::max(took, (3 * cost_ + took) / 4);
+}
+
+// Something newer than the job's image lies in its slot, or its slot is another tile's by now.
+bool ClipCache::overtaken(const ImageMaker::Job& job) const {
+  if (job.top)
+    return ready() && (job.base_height_m != base_height_m_ ||
+                       !std::equal(top_generations_.begin(), top_generations_.end(), job.generations.begin(),
+                                   std::less_equal<>()));
+  if (!layout_.active(job.level).contains(job.x, job.y)) return true;
+  const Slot& slot = slots_[static_cast<std::size_t>(layout_.slot(job.level, job.key))];
+  return slot.key == job.key && !std::equal(slot.generations.begin(), slot.generations.end(),
+                                            job.generations.begin(), std::less_equal<>());
+}
+
+void ClipCache::uploadMade(const Budget& budget, Clock::time_point begin, Update& out) {
+  for (int steps = 0; !spent(budget, begin - rest_, steps);) {
+    auto made = maker_.take();
+    if (!made) return;
+    const ImageMaker::Job& job = made->job;
+    if (overtaken(job)) continue;
+    if (job.top) {
+      timed([&] { putTop(job, made->top); });
+      out.top = true;
+    } else {
+      timed([&] { put(job, std::move(made->image)); });
+      ++out.uploads;
+    }
+    ++steps;
+  }
 }
 
 ClipCache::Update ClipCache::update(const Focus& focus, const Budget& budget) {
@@ -226,11 +296,17 @@ ClipCache::Update ClipCache::update(const Focus& focus, const Budget& budget) {
     changed = changed ||
               (found.generation != 0 && found.generation != top_generations_[static_cast<std::size_t>(i)]);
   }
-  if (any && (top_bounds_.empty() ? !waits : changed)) {
-    uploadTop();
-    out.top = true;
+  if (budget.aside) uploadMade(budget, begin, out);
+  const Clock::time_point uploaded = clock_();
+  if (any && !maker_.has({}, true) && (ready() ? changed && !out.top : !waits)) {
+    if (auto job = topJob(); job && budget.aside) {
+      maker_.add(std::move(*job));
+    } else if (job) {
+      putTop(*job, makeTopImage(job->children, job->size, job->base_height_m));
+      out.top = true;
+    }
   }
-  if (top_bounds_.empty()) {
+  if (!ready()) {
     out.waiting = any || waits ? 1 : 0;
     return out;
   }
@@ -251,29 +327,30 @@ ClipCache::Update ClipCache::update(const Focus& focus, const Budget& budget) {
         missing.push_back(wanted);
       } else if (slot.generations[4] != found.generation) {
         newer.push_back(wanted);
-      } else {
-        bool stale = false;
-        for (int k = 0; k < 9 && !stale; ++k) {
-          const RamCache::Found other = neighbour(level, t.x() + k % 3 - 1, t.y() + k / 3 - 1);
-          stale = other.tile != nullptr && other.generation != slot.generations[static_cast<std::size_t>(k)];
-        }
-        if (stale) beside.push_back(wanted);
+      } else if (!current(wanted)) {
+        beside.push_back(wanted);
       }
     }
   }
   missing.insert(missing.end(), newer.begin(), newer.end());
   missing.insert(missing.end(), beside.begin(), beside.end());
-  for (const Wanted& wanted : missing) {
-    const auto spent = clock_() - begin;
-    if (out.uploads > 0 && (spent + cost_ > budget.time || out.uploads >= budget.uploads)) {
-      ++out.left;
-      continue;
+  if (budget.aside) {
+    out.left = static_cast<int>(missing.size()) + (maker_.has({}, true) ? 1 : 0);
+    for (const Wanted& wanted : missing)
+      if (!maker_.has(domain_.key(wanted.level, wanted.x, wanted.y), false) && !maker_.add(tileJob(wanted)))
+        break;
+  } else {
+    for (const Wanted& wanted : missing) {
+      if (spent(budget, begin, out.uploads)) {
+        ++out.left;
+        continue;
+      }
+      timed([&] {
+        const ImageMaker::Job job = tileJob(wanted);
+        put(job, makeTileImage(job.block, job.base_height_m, job.no_data));
+      });
+      ++out.uploads;
     }
-    const Clock::time_point before = clock_();
-    upload(wanted);
-    const std::chrono::nanoseconds took = clock_() - before;
-    cost_ = cost_.count() == 0 ? took : (3 * cost_ + took) / 4;
-    ++out.uploads;
   }
   newest_ = 0;
   oldest_ = UINT64_MAX;
@@ -281,6 +358,10 @@ ClipCache::Update ClipCache::update(const Focus& focus, const Budget& budget) {
     if (!slot.key) continue;
     newest_ = std::max(newest_, slot.revision);
     oldest_ = std::min(oldest_, slot.revision);
+  }
+  if (budget.aside) {
+    const std::chrono::nanoseconds took = clock_() - uploaded;
+    rest_ = std::max(took, (3 * rest_ + took) / 4);
   }
   return out;
 }

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "render/preview/clip_layout.h"
+#include "render/preview/image_maker.h"
 #include "render/preview/ram_cache.h"
 #include "render/preview/tile_image.h"
 
@@ -58,11 +59,14 @@ class ClipCache {
   struct Budget {
     std::chrono::nanoseconds time = std::chrono::hours(1);  // at least one upload is made whatever it costs
     int uploads = 1 << 30;
+    // Tiles' images are made on a thread of the cache's own, and an update uploads those that are there: for
+    // a thread that must not be held up.
+    bool aside = false;
   };
   struct Update {
     int uploads = 0;  // tiles brought to the GPU
     int waiting = 0;  // not in RAM yet
-    int left = 0;     // in RAM, but the budget was spent
+    int left = 0;     // in RAM, but the budget was spent or the image is not made yet
     bool top = false;
     [[nodiscard]] bool settled() const { return waiting == 0 && left == 0; }
   };
@@ -105,8 +109,15 @@ class ClipCache {
     int level = 0, x = 0, y = 0, slot = 0;
   };
   void request(const Focus& focus);
-  void uploadTop();
-  void upload(const Wanted& wanted);
+  [[nodiscard]] std::optional<ImageMaker::Job> topJob() const;
+  [[nodiscard]] ImageMaker::Job tileJob(const Wanted& wanted) const;
+  [[nodiscard]] bool current(const Wanted& wanted) const;
+  [[nodiscard]] bool overtaken(const ImageMaker::Job& job) const;
+  void putTop(const ImageMaker::Job& job, const TopImage& top);
+  void put(const ImageMaker::Job& job, TileImage image);
+  void uploadMade(const Budget& budget, Clock::time_point begin, Update& out);
+  [[nodiscard]] bool spent(const Budget& budget, Clock::time_point begin, int steps) const;
+  void timed(const std::function<void()>& upload);
   void raise(int level, int x, int y, int size, std::vector<float> bounds);
   [[nodiscard]] bool drawable(int level, int x, int y) const;
   [[nodiscard]] RamCache::Found neighbour(int level, int x, int y) const;
@@ -123,8 +134,11 @@ class ClipCache {
   std::vector<std::vector<float>> top_bounds_;  // by mip level
   double base_height_m_ = 0, lowest_m_ = 0, highest_m_ = 0;
   std::uint64_t newest_ = 0, oldest_ = 0;  // revisions of what is in GPU memory
-  std::chrono::nanoseconds cost_{0};       // of one upload, smoothed
+  std::chrono::nanoseconds cost_{0};       // of one upload: the dearest lately
   Clock::time_point now_;
+  std::chrono::nanoseconds rest_{
+      0};  // of an update with images made aside, but for its uploads; the dearest lately
+  ImageMaker maker_;
 };
 
 // How much time a frame may spend on uploads so that the frame rate holds (DVT, 3.5): all that a frame's

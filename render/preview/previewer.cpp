@@ -122,8 +122,7 @@ Result<Previewer::Frame> Previewer::drawSettled(const View& view, const Look& lo
     updated = update(view, {});
     if (!updated) return tl::unexpected(updated.error());
     if (rounds > 0 && !guess && updated->settled()) break;
-    while (ram_.loadNext()) {
-    }
+    ram_.loadDue();
   }
   if (!cache_->ready()) return fail(ErrorCode::NotFound, "the map has no elevation to draw yet");
   if (auto ready = updateProjectors(view, look, ProjectorTextures::kMost); !ready)

@@ -83,21 +83,40 @@ std::optional<geo::TileKey> RamCache::choose(Clock::time_point now) {
   return std::nullopt;
 }
 
-bool RamCache::loadNext(Clock::time_point now) {
-  geo::TileKey key;
-  {
-    const std::scoped_lock lock(mutex_);
-    const auto chosen = choose(now);
-    if (!chosen) return false;
-    key = *chosen;
-    Entry& entry = entryOf(key);
-    entry.loading = true;
-    entry.changed = false;  // a change from here on is one more
-  }
+std::optional<geo::TileKey> RamCache::take(Clock::time_point now) {
+  const std::scoped_lock lock(mutex_);
+  const auto chosen = choose(now);
+  if (!chosen) return std::nullopt;
+  Entry& entry = entryOf(*chosen);
+  entry.loading = true;
+  entry.changed = false;  // a change from here on is one more
+  return chosen;
+}
+
+void RamCache::load(const geo::TileKey& key, const std::optional<Clock::time_point>& now) {
   const Result<SourceTilePtr> loaded = source_.load(key);
   const std::scoped_lock lock(mutex_);
-  store(key, loaded, now);
-  return true;
+  store(key, loaded, now ? *now : Clock::now());
+}
+
+bool RamCache::loadNext(Clock::time_point now) {
+  const auto key = take(now);
+  if (key) load(*key, now);
+  return key.has_value();
+}
+
+void RamCache::loadDue() {
+  const Clock::time_point begin = Clock::now();
+  std::size_t most = 0;
+  {
+    const std::scoped_lock lock(mutex_);
+    for (const auto& [id, wants] : clients_) most += wants.needed.size() + wants.prefetch.size();
+  }
+  for (; most > 0; --most) {
+    const auto key = take(begin);
+    if (!key) return;
+    load(*key, std::nullopt);
+  }
 }
 
 void RamCache::store(const geo::TileKey& key, const Result<SourceTilePtr>& loaded, Clock::time_point now) {

@@ -65,6 +65,9 @@ class RamCache {
 
   // Loads the one tile that is most urgent; false: there is nothing to load now.
   bool loadNext(Clock::time_point now = Clock::now());
+  // Loads what is wanted and due as of now, on this thread, each tile once: it ends also where tiles outlive
+  // their life, or change, faster than they can be read.
+  void loadDue();
   // Asks the source what changed. Its error is passed on; nothing is lost then.
   Result<void> poll();
   // Loads by itself, on a thread of its own, from now on; polls at this interval.
@@ -91,7 +94,10 @@ class RamCache {
     std::vector<geo::TileKey> needed, prefetch;
   };
   [[nodiscard]] bool due(const Entry& entry, Clock::time_point now) const;
+  // Marked as being loaded.
+  [[nodiscard]] std::optional<geo::TileKey> take(Clock::time_point now);
   [[nodiscard]] std::optional<geo::TileKey> choose(Clock::time_point now);
+  void load(const geo::TileKey& key, const std::optional<Clock::time_point>& now);
   void store(const geo::TileKey& key, const Result<SourceTilePtr>& loaded, Clock::time_point now);
   Entry& entryOf(const geo::TileKey& key);
   void makeRoom();

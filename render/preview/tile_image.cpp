@@ -168,7 +168,27 @@ TileImage makeTileImage(const TileBlock& block, double base_height_m, NoData no_
         copyColor(&source.tile->color[4 * source.texel], &image.color[4 * at(x, y, rimmed)]);
     }
   }
+  for (const float height : image.heights)
+    if (height != kNoHeight) image.lowest = std::min(image.lowest, height);
+  for (const float bound : image.bounds) image.highest = std::max(image.highest, bound);
   return image;
+}
+
+std::optional<double> baseHeightOf(const std::array<SourceTilePtr, 4>& children) {
+  float lowest = -kNoHeight, highest = kNoHeight;
+  for (const SourceTilePtr& child : children) {
+    if (child == nullptr) continue;
+    for (std::size_t i = 0; i < child->elevation.size(); ++i) {
+      const float h = child->elevation[i];
+      if (!std::isfinite(h)) continue;
+      lowest = std::min(lowest, h);
+      highest = std::max(highest, h);
+      if (!child->elevation_max.empty() && std::isfinite(child->elevation_max[i]))
+        highest = std::max(highest, child->elevation_max[i]);
+    }
+  }
+  if (highest < lowest) return std::nullopt;
+  return std::round((static_cast<double>(lowest) + static_cast<double>(highest)) / 2);
 }
 
 TopImage makeTopImage(const std::array<SourceTilePtr, 4>& children, int size, double base_height_m) {

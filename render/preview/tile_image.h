@@ -1,6 +1,7 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "render/preview/tile_source.h"
@@ -25,6 +26,8 @@ struct TileImage {
   std::vector<float> bounds;          // no surface over the texel, of this or a finer level, is higher
   std::vector<std::uint8_t> color;    // with rim; RGBA8, premultiplied: alpha 0 weighs nothing when averaged
   std::vector<std::uint8_t> quality;  // two bytes: confidence, and 255 where there is data
+  float lowest = -kNoHeight;          // of the heights; above the highest where there are none
+  float highest = kNoHeight;          // of the bounds
 };
 
 // A tile and its eight neighbours of the same level, row by row from the north-west; null: not there. [4] is
@@ -41,6 +44,8 @@ struct TopImage {
   std::vector<TileImage> levels;
   double lowest_m = 0, highest_m = 0;  // of the bounds and heights, absolute
 };
+// The height that a map's heights count from: a whole metre in the middle of the top's; none: no heights yet.
+[[nodiscard]] std::optional<double> baseHeightOf(const std::array<SourceTilePtr, 4>& children);
 [[nodiscard]] TopImage makeTopImage(const std::array<SourceTilePtr, 4>& children, int size,
                                     double base_height_m);
 

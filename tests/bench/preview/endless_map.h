@@ -42,12 +42,14 @@ class EndlessMap : public preview::TileSource {
     tile->confidence.assign(texels, 200);
     const Town& town = town_[static_cast<std::size_t>(std::min(level, kTownLevels))];
     const double texel = std::ldexp(1.0, level);
+    const Waves east = wavesAt(x0 * size_, texel), south = wavesAt(y0 * size_, texel);
     for (int y = 0; y < size_; ++y) {
       for (int x = 0; x < size_; ++x) {
         const std::int64_t gx = x0 * size_ + x, gy = y0 * size_ + y;
         const std::size_t i = town.index(gx, gy);
-        const double hill =
-            hillAt((static_cast<double>(gx) + 0.5) * texel, (static_cast<double>(gy) + 0.5) * texel);
+        const auto u = static_cast<std::size_t>(x), v = static_cast<std::size_t>(y);
+        const double hill = kGround + 4 * east.sin4000[u] * south.cos5000[v] +
+                            2 * (east.sin2500[u] * south.cos3000[v] + east.cos2500[u] * south.sin3000[v]);
         tile->elevation.push_back(static_cast<float>(hill) + town.mean[i]);
         // A hill rises by at most its steepest slope to the farthest point that the surface over a texel
         // uses.
@@ -75,8 +77,22 @@ class EndlessMap : public preview::TileSource {
   static constexpr double kHillSlope = 0.0026;  // metres per texel of level 0 (5 %)
   // A corner that is aligned at every level, so that rows and columns count from it.
   static geo::TileKey corner() { return {kZoom, (1100000 >> 12) << 12, (732000 >> 12) << 12}; }
-  static double hillAt(double x, double y) {
-    return kGround + 4 * std::sin(x / 4000) * std::cos(y / 5000) + 2 * std::sin(x / 2500 + y / 3000);
+  // The hills 4 sin(x / 4000) cos(y / 5000) + 2 sin(x / 2500 + y / 3000), by a tile's columns and rows.
+  struct Waves {
+    std::vector<double> sin4000, cos5000, sin2500, cos2500, sin3000, cos3000;
+  };
+  Waves wavesAt(std::int64_t first, double texel) const {
+    Waves out;
+    for (int i = 0; i < size_; ++i) {
+      const double at = (static_cast<double>(first + i) + 0.5) * texel;
+      out.sin4000.push_back(std::sin(at / 4000));
+      out.cos5000.push_back(std::cos(at / 5000));
+      out.sin2500.push_back(std::sin(at / 2500));
+      out.cos2500.push_back(std::cos(at / 2500));
+      out.sin3000.push_back(std::sin(at / 3000));
+      out.cos3000.push_back(std::cos(at / 3000));
+    }
+    return out;
   }
 
   // One level of the town: means, and maxima over what the surface over a texel uses, of this and finer

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <map>
 #include <set>
+#include <thread>
 
 #include "render/preview/clip_cache.h"
 #include "tests/unit/preview/synthetic_map.h"
@@ -210,6 +211,17 @@ TEST_F(RamFixture, SoftExpiryReloadsWhileTheOldTileIsUsedAndHardExpiryTakesItAwa
   EXPECT_GT(ram.find(key(0, 0), now + 2200ms).generation, first);
 }
 
+// A life shorter than loading takes: every load makes another tile due.
+TEST_F(RamFixture, LoadingWhatIsDueEndsWhereTilesOutliveTheirLifeMeanwhile) {
+  map.setLife(0s, std::nullopt);
+  RamCache ram(map);
+  const auto client = ram.addClient();
+  ram.want(client, {key(0, 0), key(1, 0), key(2, 0)}, {key(3, 0)});
+  ram.loadDue();
+  EXPECT_EQ(ram.counts().tiles, 4u);
+  EXPECT_EQ(map.loads(), 4u);
+}
+
 // Remembers what GPU memory would hold.
 struct FakeSink : TextureSink {
   void uploadTile(int slot, const TileImage& image) override {
@@ -328,6 +340,48 @@ TEST_F(ClipFixture, SpendsNoMoreThanTheBudgetButAlwaysSomething) {
   ASSERT_TRUE(ram.poll().has_value());
   load();
   EXPECT_EQ(cache.update(focus, {.time = 7ms}).uploads, 1);
+}
+
+TEST_F(ClipFixture, ImagesMadeAsideAreThoseMadeAtOnce) {
+  settle();
+  FakeSink other;
+  RamCache other_ram{map};
+  ClipCache aside{domain, other_ram, other, ClipCache::Options{{5, 1, 400}, NoData::Hole, {}},
+                  [&other] { return other.time; }};
+  ClipCache::Update update;
+  const Clock::time_point until = Clock::now() + 60s;
+  do {
+    update = aside.update(focus, {.aside = true});
+    other_ram.loadDue();
+    std::this_thread::sleep_for(1ms);
+  } while ((!aside.ready() || !update.settled()) && Clock::now() < until);
+  ASSERT_TRUE(update.settled());
+  EXPECT_EQ(aside.baseHeight(), cache.baseHeight());
+  EXPECT_EQ(other.bounds, sink.bounds);
+  EXPECT_EQ(other.top.levels[0].bounds, sink.top.levels[0].bounds);
+}
+
+// An image begun before a change, made after the changed tile was uploaded by an update that waits for none.
+TEST_F(ClipFixture, AnImageMadeAsideNeverReplacesANewerOne) {
+  settle();
+  const auto rise = [&](float by) {
+    map.change(
+        4, 4, [by](int x, int y) { return test::townHeight(x, y) + by; }, false);
+    ASSERT_TRUE(ram.poll().has_value());
+    load();
+  };
+  for (int i = 0; i < 20; ++i) {
+    rise(50);
+    cache.update(focus, {.aside = true});  // begins the image
+    rise(static_cast<float>(-20 - i));
+    cache.update(focus, {});
+    const auto newest = sink.bounds;
+    const auto uploads = sink.order.size();
+    std::this_thread::sleep_for(3ms);
+    cache.update(focus, {.aside = true});
+    ASSERT_EQ(sink.order.size(), uploads);
+    ASSERT_EQ(sink.bounds, newest);
+  }
 }
 
 TEST_F(ClipFixture, WhatIsDrawnNeverGetsCoarserThroughUpdates) {

@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <opencv2/imgcodecs.hpp>
+#include <thread>
 
 #include "render/preview/previewer.h"
 #include "render/preview/reference_caster.h"
@@ -248,7 +249,8 @@ TEST_F(Pictures, LevelsOfDetailMoveWallsByLessThanThePixelsCell) {
 // Fifty tiles a second get other heights while the camera flies and then rests: no picture has a hole, no
 // update passes its budget, where the camera rests no pixel's level drops, and the picture is soon whole
 // again.
-TEST_F(Pictures, AChangingMapHasNoHolesAndDoesNotFlicker) {
+class ChangingMap : public Pictures, public ::testing::WithParamInterface<bool> {};
+TEST_P(ChangingMap, HasNoHolesAndDoesNotFlicker) {
   SyntheticMap map({}, test::townHeight);
   RamCache ram(map), all(map);
   Previewer previewer(context(), ram), calm(context(), all);
@@ -258,6 +260,7 @@ TEST_F(Pictures, AChangingMapHasNoHolesAndDoesNotFlicker) {
   ASSERT_TRUE(previewer.drawSettled(view, {}, true).has_value());
   ClipCache::Budget budget;
   budget.uploads = 3;
+  budget.aside = GetParam();
   std::vector<RayHit> before;
   std::size_t missing = 0, pixels = 0;
   constexpr int kFrames = 50;  // at 25 a second: two seconds
@@ -307,8 +310,8 @@ TEST_F(Pictures, AChangingMapHasNoHolesAndDoesNotFlicker) {
   EXPECT_LE(missing, pixels / 500);
   int frames = 0;
   for (bool settled = false; !settled && frames < 200; ++frames) {
-    while (ram.loadNext()) {
-    }
+    ram.loadDue();
+    if (budget.aside) std::this_thread::sleep_for(std::chrono::milliseconds(20));
     const auto frame = previewer.draw(view, {}, budget);
     ASSERT_TRUE(frame.has_value()) << frame.error().message;
     settled = frame->update.settled();
@@ -317,6 +320,8 @@ TEST_F(Pictures, AChangingMapHasNoHolesAndDoesNotFlicker) {
               frames);
   EXPECT_LT(frames, 50);
 }
+INSTANTIATE_TEST_SUITE_P(ImagesMade, ChangingMap, ::testing::Bool(),
+                         [](const auto& aside) { return aside.param ? "Aside" : "AtOnce"; });
 
 }  // namespace
 }  // namespace overfly::preview
