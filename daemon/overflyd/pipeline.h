@@ -250,8 +250,10 @@ class Pipeline {
   Throttling throttling_;
   std::int64_t heat_looked_at_ns_ = 0;
 
-  // Of the encoding thread, and of the mapping thread before it has anything to encode.
+  // Of the mapping thread until it says that there is one; then of the encoding thread.
   std::unique_ptr<tiling::StoreWriter> writer_;
+  std::atomic<bool> has_writer_{false};
+  // Of the encoding thread.
   std::deque<Committing> committing_;
   std::chrono::steady_clock::time_point disk_looked_at_{}, budget_looked_at_{};
   std::string disk_problem_;

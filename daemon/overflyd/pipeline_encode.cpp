@@ -45,13 +45,13 @@ void Pipeline::encode(const std::stop_token& stop) {
       begin(Stage::Encoding);
       write(std::move(*work), stop);
     }
-    if (writer_ && !stop.stop_requested()) keepBudget();
+    if (has_writer_ && !stop.stop_requested()) keepBudget();
     // Nothing is left only when the disk has it.
     const bool flushed = committing_.empty();
     const std::scoped_lock lock(mutex_);
     writing_ = !flushed;
   }
-  if (writer_) (void)writer_->flush(1000ms);
+  if (has_writer_) (void)writer_->flush(1000ms);
   measureCommits();
 }
 

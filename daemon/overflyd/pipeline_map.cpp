@@ -186,6 +186,7 @@ Result<void> Pipeline::settle(tiling::Mapper& mapper) {
     wake_.notify_all();  // the encoding thread measures when
     if (on_commit_) on_commit_();
   });
+  has_writer_ = true;
   mapper.setGround(ground);
   const std::scoped_lock lock(mutex_);
   scheduler_ = std::make_unique<tiling::Scheduler>(mapper.cellZoom(), schedulerOptions(settings_));
