@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
+#include <sys/mount.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <unistd.h>
@@ -118,6 +119,71 @@ TEST_F(Daemon, MapsAFlightAndServesItsTiles) {
   expectPreviews(daemon);
   daemon.send(SIGTERM);
   EXPECT_EQ(daemon.wait(60s), 0);
+}
+
+// A disk of its own for the missions, in memory; gone with this value.
+class SmallDisk {
+ public:
+  SmallDisk(fs::path folder, int megabytes) : folder_(std::move(folder)) {
+    fs::create_directories(folder_);
+    mounted_ =
+        mount("overfly-test", folder_.c_str(), "tmpfs", 0, fmt::format("size={}m", megabytes).c_str()) == 0;
+  }
+  ~SmallDisk() {
+    if (mounted_) umount2(folder_.c_str(), MNT_DETACH);
+  }
+  SmallDisk(const SmallDisk&) = delete;
+  SmallDisk& operator=(const SmallDisk&) = delete;
+  [[nodiscard]] bool mounted() const { return mounted_; }
+  // Until it takes no byte more.
+  void fill() const {
+    std::ofstream ballast(folder_ / "ballast", std::ios::binary);
+    const std::string page(4096, 'x');
+    while (ballast.write(page.data(), static_cast<std::streamsize>(page.size())).flush()) continue;
+  }
+  void makeRoom() const { fs::remove(folder_ / "ballast"); }
+
+ private:
+  fs::path folder_;
+  bool mounted_ = false;
+};
+
+// The kernel's own ENOSPC in the middle of the mapping: the daemon says so, serves what it has, and goes on
+// by itself when there is room again.
+TEST_F(Daemon, AFullDiskDegradesItAndItGoesOnWhenThereIsRoom) {
+  DaemonProcess daemon;
+  const SmallDisk disk(daemon.missions(), 64);
+  if (!disk.mounted()) GTEST_SKIP() << "mounting a small disk takes root";
+  daemon.start();
+  ASSERT_TRUE(daemon.waitFor(
+      [](const auto& s) { return s["frames"]["mapped"] == kFrames && s["cells"]["swept"] > 0; }, 120s))
+      << daemon.log();
+  disk.fill();
+  ASSERT_TRUE(daemon.waitFor([](const auto& s) { return s["state"] == "degraded"; }, 120s)) << daemon.log();
+  const std::string problem = daemon.status()["problem"];
+  std::printf("said: %s\n", problem.c_str());
+  EXPECT_THAT(problem, HasSubstr("full"));
+  EXPECT_EQ(fetch(daemon.url() + "/tiles.json").status, 200);
+  const fs::path mission = daemon.missions() / daemon.missionNames()[0];
+  {
+    const auto reader = tiling::MapReader::open(mission / "map.overfly");
+    ASSERT_TRUE(reader) << reader.error().message;
+    const int zoom = reader->meta().value().base_zoom;
+    const auto keys = reader->keys(zoom, tiling::Layer::Color, {}, 1).value();
+    ASSERT_FALSE(keys.empty());
+    EXPECT_EQ(
+        fetch(fmt::format("{}/tiles/color/{}/{}/{}.jpg", daemon.url(), zoom, keys[0].x, keys[0].y)).status,
+        200);
+  }
+  disk.makeRoom();
+  const auto start = Clock::now();
+  ASSERT_TRUE(daemon.waitFor([](const auto& s) { return s["state"] != "degraded"; }, 30s)) << daemon.log();
+  std::printf("went on %.1f s after there was room\n",
+              std::chrono::duration<double>(Clock::now() - start).count());
+  ASSERT_TRUE(daemon.waitUntilMapped(240s)) << daemon.log();
+  daemon.send(SIGTERM);
+  EXPECT_EQ(daemon.wait(60s), 0);
+  expectWhole(mission);
 }
 
 // The time that it takes is measured by tests/bench; here, that nothing is torn and nothing waits for ever.
