@@ -150,8 +150,9 @@ Json liveJson(const capture::LiveStatus& s) {
                            {"outliers", t.clock.outliers}}}};
   }
   if (s.gpio) {
-    json["gpio"] = {{"open", s.gpio->open}, {"problem", s.gpio->problem}, {"exposures", s.gpio->exposures},
-                    {"pps", s.gpio->pps},   {"bounced", s.gpio->bounced}, {"reopened", s.gpio->reopened},
+    json["gpio"] = {{"open", s.gpio->open},           {"problem", s.gpio->problem},
+                    {"exposures", s.gpio->exposures}, {"pps", s.gpio->pps},
+                    {"bounced", s.gpio->bounced},     {"reopened", s.gpio->reopened},
                     {"problems", s.gpio->problems}};
   }
   if (s.trigger) {

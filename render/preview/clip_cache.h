@@ -136,8 +136,8 @@ class ClipCache {
   std::uint64_t newest_ = 0, oldest_ = 0;  // revisions of what is in GPU memory
   std::chrono::nanoseconds cost_{0};       // of one upload: the dearest lately
   Clock::time_point now_;
-  std::chrono::nanoseconds rest_{
-      0};  // of an update with images made aside, but for its uploads; the dearest lately
+  // Of an update with images made aside, but for its uploads: the dearest lately.
+  std::chrono::nanoseconds rest_{0};
   ImageMaker maker_;
 };
 
