@@ -79,6 +79,7 @@ std::string Backend::statusJson() const {
                                            : "mapping"},
       {"problem", s.failed ? s.error : s.store_problem},
       {"stuck", s.stuck},
+      {"gpu_failures", s.gpu_failures},
       {"stages_s",
        {{"record", s.record_s},
         {"rectify", s.mapper.rectify_s},
@@ -127,6 +128,9 @@ std::string Backend::metricsText() const {
          static_cast<double>(held_back));
   metric("overfly_adjust_p95_seconds", "gauge", "time of a frame's adjustment, 95th percentile",
          s.adjust_p95_s);
+  metric("overfly_gpu_failures_total", "counter",
+         "times that the GPU was lost or out of memory while mapping; the work was done again",
+         static_cast<double>(s.gpu_failures));
   metric("overfly_tiles_written_total", "counter", "tiles written, updates counted",
          static_cast<double>(s.tiles));
   metric("overfly_cells_waiting", "gauge", "cells that wait to be swept",

@@ -88,6 +88,7 @@ Result<void> Missions::launch(const std::string& name, std::unique_ptr<capture::
   auto pipeline = std::make_shared<Pipeline>(settings_, std::move(source), folder, gl_);
   pipeline->onCommit(on_commit_);
   pipeline->setStageHook(hook_);
+  pipeline->setGpuHook(gpu_hook_);
   if (const auto& plan = settings_.plan.area_file; live && !plan.empty()) {
     // Where the link keeps it; one that was put there by a client stays.
     std::filesystem::copy_file(plan, folder / "map.overfly.plan.geojson",

@@ -42,6 +42,7 @@ class Missions {
 
   // For tests (stage.h): of all pipelines begun from now on.
   void setStageHook(StageHook hook) { hook_ = std::move(hook); }
+  void setGpuHook(GpuHook hook) { gpu_hook_ = std::move(hook); }
 
   // At the daemon's start: what was left unfinished goes on, the newest of it with the source. True: one is
   // live again.
@@ -85,6 +86,7 @@ class Missions {
   MakeSource make_source_;
   std::function<void()> on_commit_;
   StageHook hook_;
+  GpuHook gpu_hook_;
   mutable std::mutex mutex_;
   std::vector<Running> running_;
   std::shared_ptr<Pipeline> shown_;  // may have come to its end

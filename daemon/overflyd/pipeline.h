@@ -22,6 +22,7 @@
 #include "config/settings.h"
 #include "daemon/governor/governor.h"
 #include "daemon/governor/throttling.h"
+#include "daemon/overflyd/gpu_fault.h"
 #include "daemon/overflyd/latency.h"
 #include "daemon/overflyd/recorded_frames.h"
 #include "daemon/overflyd/stage.h"
@@ -69,6 +70,7 @@ struct PipelineStatus {
   bool bad_settings = false;                // ... because of settings that somebody has to change
   std::string error;
   std::string store_problem;       // the disk refuses; kept in memory meanwhile
+  std::uint64_t gpu_failures = 0;  // lost, or out of memory, while mapping: the work was done again
   std::vector<std::string> stuck;  // stages that have been silent for longer than kStageSilence
   tiling::MapperStatistics mapper;
   QualityStatus quality;
@@ -100,6 +102,8 @@ class Pipeline {
   void onCommit(std::function<void()> listener) { on_commit_ = std::move(listener); }
   // For tests: what is done to the stages (stage.h); before start().
   void setStageHook(StageHook hook) { hook_ = std::move(hook); }
+  // ... and to the GPU (gpu_fault.h); before start().
+  void setGpuHook(GpuHook hook) { gpu_hook_ = std::move(hook); }
   [[nodiscard]] Result<void> start();
   // No more frames are taken; what was recorded is mapped to its end, with what the GPU has left.
   void endSource();
@@ -161,12 +165,25 @@ class Pipeline {
   template <typename Work>
   auto onGl(const char* name, Work work) {
     const auto priority = closing_ ? gl::Priority::Background : gl::Priority::Mapping;
-    return gl_.submit(priority, name, [&work](gl::Context&) { return work(); }).get();
+    using R = std::invoke_result_t<Work&>;
+    return gl_
+        .submit(priority, name,
+                [&](gl::Context& context) -> R {
+                  if (auto ready = readyOnGl(context); !ready) return tl::unexpected(ready.error());
+                  R made = work();
+                  // What a lost GPU answers is worth nothing, whatever it looks like.
+                  const auto healthy = context.check();
+                  context_lost_ = context.lost();
+                  if (!healthy) return tl::unexpected(healthy.error());
+                  return made;
+                })
+        .get();
   }
   void mapUntil(tiling::Mapper& mapper, const std::stop_token& stop);
   [[nodiscard]] bool takeNext(tiling::Mapper& mapper, Waiting waiting, const std::stop_token& stop);
-  [[nodiscard]] Result<void> settle(tiling::Mapper& mapper);
-  [[nodiscard]] Result<tiling::MapStore> makeMap(tiling::Mapper& mapper, tiling::MapGround& ground);
+  [[nodiscard]] Result<void> settle(tiling::Mapper& mapper, const std::stop_token& stop);
+  [[nodiscard]] Result<tiling::MapStore> makeMap(tiling::Mapper& mapper, tiling::MapGround& ground,
+                                                 const std::stop_token& stop);
   [[nodiscard]] Result<void> takeFrame(tiling::Mapper& mapper, const Waiting& waiting);
   void balance(tiling::Mapper& mapper);
   // What the job made differs from before.
@@ -180,6 +197,19 @@ class Pipeline {
   void takeLatePoses();
   void giveUp(const Error& error);
   void stopped(const Error& error, const std::stop_token& stop);
+
+  // On the GL thread and on the mapping thread: a GPU that fails (pipeline_gpu.cpp).
+  [[nodiscard]] Result<void> readyOnGl(gl::Context& context);
+  [[nodiscard]] bool pauseOnGl(const std::stop_token& stop);
+  [[nodiscard]] bool triesAgain(const Error& error, const std::stop_token& stop);
+  // The result of `work`, which is tried again when the GPU failed.
+  template <typename Work>
+  auto persistently(const std::stop_token& stop, Work work) {
+    auto made = work();
+    while (!made && triesAgain(made.error(), stop)) made = work();
+    if (made) gpu_failures_ = 0;
+    return made;
+  }
 
   // On the mapping thread: accuracy against time (pipeline_quality.cpp).
   void beginGoverning(const std::string& renderer);
@@ -208,6 +238,7 @@ class Pipeline {
   std::unique_ptr<RecordedFrames> recorded_;
   std::function<void()> on_commit_;
   StageHook hook_;
+  GpuHook gpu_hook_;
   std::array<Heartbeat, kStageNames.size()> hearts_;
   std::array<std::uint64_t, kStageNames.size()> pieces_{};  // each its stage's own
   std::atomic<bool> closing_{false};                        // takes no more frames
@@ -249,6 +280,14 @@ class Pipeline {
   bool landed_ = false;                        // no frame is to come
   Throttling throttling_;
   std::int64_t heat_looked_at_ns_ = 0;
+
+  // Of the mapping thread, and of the GL thread while the mapping thread waits for it.
+  tiling::Mapper* mapper_ = nullptr;
+  gl::Context* context_ = nullptr;  // that the last piece of work had
+  std::uint64_t generation_ = 0;    // of the context that the mapper was made with
+  std::uint64_t passes_ = 0;
+  int gpu_failures_ = 0;  // in a row
+  bool context_lost_ = false, low_memory_ = false;
 
   // Of the mapping thread until it says that there is one; then of the encoding thread.
   std::unique_ptr<tiling::StoreWriter> writer_;

@@ -101,7 +101,8 @@ capture::VerticalDatum datumOf(config::DatumChoice choice) {
 }  // namespace
 
 // A new map's place, from the images of the first frames.
-Result<tiling::MapStore> Pipeline::makeMap(tiling::Mapper& mapper, tiling::MapGround& ground) {
+Result<tiling::MapStore> Pipeline::makeMap(tiling::Mapper& mapper, tiling::MapGround& ground,
+                                           const std::stop_token& stop) {
   config::Settings settings;
   capture::FlightInfo info;
   {
@@ -113,7 +114,9 @@ Result<tiling::MapStore> Pipeline::makeMap(tiling::Mapper& mapper, tiling::MapGr
   std::vector<capture::CameraModel> cameras;
   capture::VerticalDatum datum = capture::VerticalDatum::Unknown;  // the flight's word
   for (const Waiting& waiting : unsettled_) {
-    auto thumbnail = onGl("thumbnail", [&] { return mapper.thumbnailOf(waiting.id, waiting.frame); });
+    auto thumbnail = persistently(stop, [&] {
+      return onGl("thumbnail", [&] { return mapper.thumbnailOf(waiting.id, waiting.frame); });
+    });
     if (!thumbnail) return tl::unexpected(thumbnail.error());
     thumbnails.push_back(std::move(*thumbnail));
     cameras.push_back(waiting.frame->camera);
@@ -161,7 +164,7 @@ Result<tiling::MapStore> Pipeline::makeMap(tiling::Mapper& mapper, tiling::MapGr
   return tiling::MapStore::create(mapFile(), meta);
 }
 
-Result<void> Pipeline::settle(tiling::Mapper& mapper) {
+Result<void> Pipeline::settle(tiling::Mapper& mapper, const std::stop_token& stop) {
   tiling::MapGround ground;
   Result<tiling::MapStore> store = fail(ErrorCode::NotFound, "");
   if (std::filesystem::exists(mapFile())) {
@@ -171,7 +174,7 @@ Result<void> Pipeline::settle(tiling::Mapper& mapper) {
     if (!known) return tl::unexpected(known.error());
     ground = *known;
   } else {
-    store = makeMap(mapper, ground);
+    store = makeMap(mapper, ground, stop);
     if (!store) return tl::unexpected(store.error());
   }
   writer_ = std::make_unique<tiling::StoreWriter>(std::move(*store), tiling::StoreWriter::Options{});
@@ -222,13 +225,23 @@ Result<void> Pipeline::takeFrame(tiling::Mapper& mapper, const Waiting& waiting)
   if (record.near_vertical) scheduler_->cover(boxOf(record.footprint));
   const std::int64_t now = now_ns();
   std::vector<tiling::Tile> first_sight;
+  std::vector<geo::TileKey> first_seen;
   for (const geo::TileKey& cell : *added) {
     scheduler_->mark(cell, tiling::knowledgeOf(mapper.index(), cell, mapper.ground().height_m, views_), now);
     if (waiting.again) scheduler_->markDue(cell, now);
     // A cell that shows nothing yet gets the plain projection at once.
     if (!seen_cells_.insert(cell).second) continue;
+    first_seen.push_back(cell);
     auto tiles = onGl("first sight", [&] { return mapper.provisionalCell(cell); });
-    if (!tiles) return tl::unexpected(tiles.error());
+    if (!tiles) {
+      if (tiles.error().code != ErrorCode::Unavailable) {
+        warnOnce("first sight",
+                 "no first sight of a cell, which has to wait for its sweep: " + tiles.error().message);
+        continue;
+      }
+      for (const geo::TileKey& unpublished : first_seen) seen_cells_.erase(unpublished);
+      return tl::unexpected(tiles.error());
+    }
     for (tiling::Tile& tile : *tiles) first_sight.push_back(std::move(tile));
   }
   if (!added->empty() && !waiting.again) unswept_.try_emplace(waiting.id, shutter_ns);
@@ -374,12 +387,10 @@ void Pipeline::map(const std::stop_token& stop) {
                               auto made = tiling::Mapper::create(context, options);
                               if (!made) return tl::unexpected(made.error());
                               owned = std::move(*made);
+                              mapper_ = owned.get();
+                              generation_ = gl_.generation();
                               beginGoverning(context.info().renderer);
-                              owned->onPause([this, stop] {
-                                beat(Stage::Mapping);
-                                gl_.giveWay();
-                                return !stop.stop_requested();
-                              });
+                              owned->onPause([this, stop] { return pauseOnGl(stop); });
                               return {};
                             })
                      .get();
@@ -407,7 +418,7 @@ void Pipeline::map(const std::stop_token& stop) {
 // A frame's turn. False: the pipeline cannot go on.
 bool Pipeline::takeNext(tiling::Mapper& mapper, Waiting waiting, const std::stop_token& stop) {
   const auto took = [&](const Waiting& frame) {
-    auto ok = takeFrame(mapper, frame);
+    auto ok = persistently(stop, [&] { return takeFrame(mapper, frame); });
     if (!ok) stopped(ok.error(), stop);
     return ok.has_value();
   };
@@ -428,7 +439,7 @@ bool Pipeline::takeNext(tiling::Mapper& mapper, Waiting waiting, const std::stop
   std::erase_if(unsettled_, [&](const Waiting& held) { return held.id == waiting.id; });
   unsettled_.push_back(std::move(waiting));
   if (unsettled_.size() < kSettlingFrames && !std::filesystem::exists(mapFile())) return true;
-  if (auto ok = settle(mapper); !ok) {
+  if (auto ok = settle(mapper, stop); !ok) {
     if (ok.error().code != ErrorCode::Unavailable) {
       giveUp(ok.error());
       return false;
@@ -515,7 +526,7 @@ void Pipeline::mapUntil(tiling::Mapper& mapper, const std::stop_token& stop) {
     }
     begin(Stage::Mapping);
     const std::int64_t start_ns = now_ns();
-    const auto made = work(mapper, *job);
+    const auto made = persistently(stop, [&] { return work(mapper, *job); });
     const double worked_s = static_cast<double>(now_ns() - start_ns) / 1e9;
     if (job->kind != tiling::TileJob::Kind::Sweep) alsoSpent(worked_s);
     if (made) {

@@ -22,7 +22,7 @@ Result<StageHook> parseStageHook(std::string_view text) {
   const auto wrong = [&] {
     return fail(ErrorCode::BadSettings,
                 fmt::format("{}: a fault is STAGE:slow:MS, STAGE:stuck or STAGE:throw, with @N for the N-th "
-                            "piece of work; STAGE is capture, mapping or encoding",
+                            "piece of work; STAGE is capture, adjusting, mapping or encoding",
                             text));
   };
   std::uint64_t from = 0;

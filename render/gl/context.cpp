@@ -353,4 +353,8 @@ void Context::finish() {
 
 void Context::injectLoss() { state_->lost = true; }
 
+void Context::injectOutOfMemory() { state_->out_of_memory = true; }
+
+void Context::injectShaderRefusal() { state_->refuse_shader = true; }
+
 }  // namespace overfly::gl

@@ -49,6 +49,10 @@ class Context {
 
   // Makes the context count as lost from now on, as a GPU reset would: for fault tests.
   void injectLoss();
+  // Makes the next check() say that memory ran out.
+  void injectOutOfMemory();
+  // Makes the compiler refuse the next shader.
+  void injectShaderRefusal();
 
   // For the classes of this folder.
   [[nodiscard]] const detail::StatePtr& state() const { return state_; }

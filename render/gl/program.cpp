@@ -121,7 +121,8 @@ Result<CompiledStage> compile(detail::ContextState& state, GLenum kind, std::spa
   recordUnportable(state, kind, files, defines);
   CompiledStage stage;
   stage.name = glCreateShader(kind);
-  const std::string text = assemble(files, defines);
+  std::string text = assemble(files, defines);
+  if (std::exchange(state.refuse_shader, false)) text += "\n#error a refusal was asked for\n";
   const char* begin = text.c_str();
   const auto length = static_cast<GLint>(text.size());
   glShaderSource(stage.name, 1, &begin, &length);

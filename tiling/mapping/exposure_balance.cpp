@@ -7,8 +7,16 @@
 
 namespace overfly::tiling {
 
+namespace {
+
+constexpr int kWidth_px = 128;  // at most, of what is kept of each frame of a flight: 12 kB
+constexpr int kSteps = 32;      // compared along a row
+
+}  // namespace
+
 void ExposureBalance::add(Thumbnail thumbnail, double ground_height_m) {
   remove(thumbnail.frame_id);
+  while (thumbnail.camera.width > kWidth_px) thumbnail = thumbnail.halved();
   for (const auto& [id, other] : thumbnails_) {
     const double reach =
         3 * (geo::geodeticFromEcef(thumbnail.pose.position_in_ecef).height_m - ground_height_m);
@@ -16,7 +24,7 @@ void ExposureBalance::add(Thumbnail thumbnail, double ground_height_m) {
     // In a fixed direction, so that the order of arrival does not matter.
     const Thumbnail& a = id < thumbnail.frame_id ? other : thumbnail;
     const Thumbnail& b = id < thumbnail.frame_id ? thumbnail : other;
-    const LumaPairs pairs = pairsOnGround(a, b, ground_height_m, 4);
+    const LumaPairs pairs = pairsOnGround(a, b, ground_height_m, std::max(1, a.camera.width / kSteps));
     if (pairs.a.size() < 40) continue;
     std::vector<double> logs;
     for (std::size_t i = 0; i < pairs.a.size(); ++i)

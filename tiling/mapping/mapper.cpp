@@ -103,6 +103,7 @@ struct Mapper::Impl {
     RectifiedPtr frame;
     const gl::Texture* match = nullptr;
   };
+  Result<void> makeOnGpu(gl::Context& new_context);
   Result<Held> hold(std::uint64_t id, bool with_match);
   Result<SweptCell*> swept(const geo::TileKey& cell, bool* changed);
   struct ColourView {
@@ -123,23 +124,40 @@ struct Mapper::Impl {
 Mapper::Mapper(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Mapper::~Mapper() = default;
 
+Result<void> Mapper::Impl::makeOnGpu(gl::Context& new_context) {
+  context = &new_context;
+  match_images.clear();
+  cache.reset();
+  matcher.reset();
+  sweeper.reset();
+  orthographer.reset();
+  auto rectifier = Rectifier::create(new_context);
+  if (!rectifier) return tl::unexpected(rectifier.error());
+  auto new_matcher = MatchImageMaker::create(new_context, options.match);
+  if (!new_matcher) return tl::unexpected(new_matcher.error());
+  auto new_sweeper = Sweeper::create(new_context);
+  if (!new_sweeper) return tl::unexpected(new_sweeper.error());
+  auto new_orthographer = Orthographer::create(new_context);
+  if (!new_orthographer) return tl::unexpected(new_orthographer.error());
+  cache = std::make_unique<FrameCache>(std::move(*rectifier), options.frame_cache_bytes);
+  matcher = std::move(*new_matcher);
+  sweeper = std::move(*new_sweeper);
+  sweeper->onPause(pause);
+  orthographer = std::move(*new_orthographer);
+  return {};
+}
+
 Result<std::unique_ptr<Mapper>> Mapper::create(gl::Context& context, const MapperOptions& options) {
   auto impl = std::make_unique<Impl>();
-  impl->context = &context;
   impl->options = options;
-  auto rectifier = Rectifier::create(context);
-  if (!rectifier) return tl::unexpected(rectifier.error());
-  impl->cache = std::make_unique<FrameCache>(std::move(*rectifier), options.frame_cache_bytes);
-  auto matcher = MatchImageMaker::create(context, options.match);
-  if (!matcher) return tl::unexpected(matcher.error());
-  impl->matcher = std::move(*matcher);
-  auto sweeper = Sweeper::create(context);
-  if (!sweeper) return tl::unexpected(sweeper.error());
-  impl->sweeper = std::move(*sweeper);
-  auto orthographer = Orthographer::create(context);
-  if (!orthographer) return tl::unexpected(orthographer.error());
-  impl->orthographer = std::move(*orthographer);
+  if (auto made = impl->makeOnGpu(context); !made) return tl::unexpected(made.error());
   return std::unique_ptr<Mapper>(new Mapper(std::move(impl)));
+}
+
+Result<void> Mapper::renew(gl::Context& context, bool less_memory) {
+  std::size_t& bytes = impl_->options.frame_cache_bytes;
+  if (less_memory) bytes = std::min(bytes, std::max(bytes / 2, kLeastFrameBytes));
+  return impl_->makeOnGpu(context);
 }
 
 Result<MapGround> Mapper::settleGround(std::span<const Thumbnail> first_frames,
@@ -244,12 +262,10 @@ Result<Thumbnail> Mapper::thumbnailOf(std::uint64_t id, const capture::FramePtr&
   thumbnail.camera = image.pinhole.scaled(1.0 / (1 << level));
   thumbnail.camera.width = image.luma.width(level);
   thumbnail.camera.height = image.luma.height(level);
-  std::vector<std::uint8_t> luma(static_cast<std::size_t>(thumbnail.camera.width) *
-                                 static_cast<std::size_t>(thumbnail.camera.height));
-  if (auto ok = image.luma.download(std::span<std::uint8_t>(luma), level); !ok)
+  thumbnail.luma.resize(static_cast<std::size_t>(thumbnail.camera.width) *
+                        static_cast<std::size_t>(thumbnail.camera.height));
+  if (auto ok = image.luma.download(std::span<std::uint8_t>(thumbnail.luma), level); !ok)
     return tl::unexpected(ok.error());
-  thumbnail.luma.resize(luma.size());
-  for (std::size_t i = 0; i < luma.size(); ++i) thumbnail.luma[i] = static_cast<float>(luma[i]) / 255.0f;
   return thumbnail;
 }
 

@@ -118,6 +118,12 @@ class Mapper {
   // marked as provisional.
   [[nodiscard]] Result<std::vector<Tile>> provisionalCell(const geo::TileKey& cell);
 
+  // Makes anew what it has on the GPU, in `context`: the old context was lost, or memory ran out (then with
+  // half of it for decoded frames, at least kLeastFrameBytes). Everything else stays: swept cells are kept,
+  // frames are loaded again when they are needed. After an error only renew() may be called.
+  static constexpr std::size_t kLeastFrameBytes = 64u << 20;
+  [[nodiscard]] Result<void> renew(gl::Context& context, bool less_memory = false);
+
   // How cells are swept and finished from now on; sizes, scale and memory stay as they were made.
   void setOptions(const MapperOptions& options);
 

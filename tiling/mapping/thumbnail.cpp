@@ -12,8 +12,24 @@ std::optional<float> Thumbnail::at(const Eigen::Vector2d& pixel) const {
   const auto* row = &luma[static_cast<std::size_t>(iy) * static_cast<std::size_t>(camera.width) +
                           static_cast<std::size_t>(ix)];
   const auto* below = row + camera.width;
-  if (row[0] < 0 || row[1] < 0 || below[0] < 0 || below[1] < 0) return std::nullopt;
-  return (1 - fy) * ((1 - fx) * row[0] + fx * row[1]) + fy * ((1 - fx) * below[0] + fx * below[1]);
+  const auto value = [](std::uint8_t coded) { return static_cast<float>(coded) / 255.0f; };
+  return (1 - fy) * ((1 - fx) * value(row[0]) + fx * value(row[1])) +
+         fy * ((1 - fx) * value(below[0]) + fx * value(below[1]));
+}
+
+Thumbnail Thumbnail::halved() const {
+  Thumbnail out{frame_id, camera.scaled(0.5), pose, {}};
+  out.camera.width = camera.width / 2;
+  out.camera.height = camera.height / 2;
+  out.luma.reserve(static_cast<std::size_t>(out.camera.width) * static_cast<std::size_t>(out.camera.height));
+  for (int y = 0; y < out.camera.height; ++y)
+    for (int x = 0; x < out.camera.width; ++x) {
+      const auto* row = &luma[static_cast<std::size_t>(2 * y) * static_cast<std::size_t>(camera.width) +
+                              static_cast<std::size_t>(2 * x)];
+      const auto* below = row + camera.width;
+      out.luma.push_back(static_cast<std::uint8_t>((row[0] + row[1] + below[0] + below[1] + 2) / 4));
+    }
+  return out;
 }
 
 LumaPairs pairsOnGround(const Thumbnail& from, const Thumbnail& to, double ground_height_m, int stride) {
@@ -31,10 +47,9 @@ LumaPairs pairsOnGround(const Thumbnail& from, const Thumbnail& to, double groun
   const capture::CameraModel &ca = from.camera, &cb = to.camera;
   for (int y = stride / 2; y < ca.height; y += stride)
     for (int x = stride / 2; x < ca.width; x += stride) {
-      const float value = from.luma[static_cast<std::size_t>(y) * static_cast<std::size_t>(ca.width) +
-                                    static_cast<std::size_t>(x)];
+      const std::uint8_t coded = from.luma[static_cast<std::size_t>(y) * static_cast<std::size_t>(ca.width) +
+                                           static_cast<std::size_t>(x)];
       ++pairs.tried;
-      if (value < 0) continue;
       const Eigen::Vector3d ray =
           enu_from_a * Eigen::Vector3d((x + 0.5 - ca.cx) / ca.fx, (y + 0.5 - ca.cy) / ca.fy, 1.0);
       if (ray.z() > -0.1) continue;
@@ -42,7 +57,7 @@ LumaPairs pairsOnGround(const Thumbnail& from, const Thumbnail& to, double groun
       if (p.z() <= 0) continue;
       const auto other = to.at({cb.fx * p.x() / p.z() + cb.cx, cb.fy * p.y() / p.z() + cb.cy});
       if (!other) continue;
-      pairs.a.push_back(value);
+      pairs.a.push_back(static_cast<float>(coded) / 255.0f);
       pairs.b.push_back(*other);
     }
   return pairs;

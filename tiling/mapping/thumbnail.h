@@ -15,13 +15,15 @@ struct Thumbnail {
   std::uint64_t frame_id = 0;
   capture::CameraModel camera;  // Pinhole, of the thumbnail
   capture::Pose pose;
-  std::vector<float> luma;  // 0..1, row by row; negative where the frame is not valid
+  std::vector<std::uint8_t> luma;  // coded, row by row
 
-  // Bilinear; nullopt outside or where a neighbour is not valid.
+  // 0..1, bilinear; nullopt outside.
   [[nodiscard]] std::optional<float> at(const Eigen::Vector2d& pixel) const;
+  // Half the size; an odd row or column at the end is left out.
+  [[nodiscard]] Thumbnail halved() const;
 };
 
-// Seen from frame `from`: luminance pairs of the same ground points in two thumbnails, on the surface of the
+// Seen from frame `from`: luminance pairs (0..1) of the same ground points in two thumbnails, on the surface of the
 // given ellipsoidal height (taken for a plane below the first camera), every `stride`-th pixel.
 struct LumaPairs {
   std::vector<float> a, b;

@@ -38,6 +38,7 @@ class ContextState {
   bool alive = true;
   bool lost = false;
   bool out_of_memory = false;
+  bool refuse_shader = false;  // the next one, for fault tests
   std::vector<std::string> errors;
   std::vector<std::string> extensions;
   DeviceInfo info;

@@ -32,6 +32,7 @@ class DaemonProcess {
   void start(const std::vector<std::string>& arguments = {},
              const std::vector<std::string>& environment = {});
   void send(int signal) const;
+  [[nodiscard]] pid_t pid() const { return pid_; }
   // The exit status, or 128 + signal; nullopt: it still ran after `limit`.
   std::optional<int> wait(std::chrono::seconds limit);
 

@@ -266,7 +266,7 @@ TEST_F(ReferencePoints, ErrorsNameTheLine) {
 Thumbnail thumbnailOf(std::uint64_t id, const test::Photo& photo, double gain = 1) {
   Thumbnail thumbnail{id, photo.camera, photo.pose, {}};
   for (const std::uint8_t value : photo.luma)
-    thumbnail.luma.push_back(static_cast<float>(std::min(1.0, gain * value / 255)));
+    thumbnail.luma.push_back(static_cast<std::uint8_t>(std::lround(std::min(255.0, gain * value))));
   return thumbnail;
 }
 
@@ -326,7 +326,7 @@ TEST(EstimateGround, SaysSoWhenThereIsNothingToCompare) {
   std::vector<Thumbnail> grey, still;
   for (const test::Photo& photo : strip(bare, 3)) {
     grey.push_back(thumbnailOf(grey.size(), photo));
-    std::fill(grey.back().luma.begin(), grey.back().luma.end(), 0.5f);
+    std::fill(grey.back().luma.begin(), grey.back().luma.end(), std::uint8_t{128});
     still.push_back(thumbnailOf(still.size(), photo));
     still.back().pose = still.front().pose;
   }

@@ -32,6 +32,7 @@ Result<void> compress(std::span<const std::uint8_t> plain, int level, std::vecto
     return fail(ErrorCode::Internal, fmt::format("zstd: {}", ZSTD_getErrorName(size)));
   }
   out.resize(begin + size);
+  out.shrink_to_fit();  // layers wait for the disk: not with room for what did not compress
   return {};
 }
 
