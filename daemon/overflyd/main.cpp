@@ -186,9 +186,8 @@ int run(const Arguments& arguments) {
 }
 
 // A daemon for a whole day: with glibc's defaults the pictures that come and go leave holes in one heap per
-// thread, and a flight that goes round and round takes 290 kB more with each frame. Blocks as large as
-// pictures are given back to the system at once, and threads share two heaps: 224 instead of 294 MB after 140
-// frames and then no more, for 5 % more CPU time (tests/stress/daemon/soak_test.cpp).
+// thread, and it takes more memory with each frame. Blocks as large as pictures are given back to the system
+// at once, for some CPU time, and threads share two heaps (tests/stress/daemon/soak_test.cpp).
 void keepHeapSmall() {
 #ifdef __GLIBC__
   mallopt(M_ARENA_MAX, 2);

@@ -400,6 +400,7 @@ void Pipeline::map(const std::stop_token& stop) {
     (void)gl_
         .submit(gl::Priority::Mapping, "mapper",
                 [&](gl::Context&) -> Result<void> {
+                  mapper_ = nullptr;
                   owned.reset();
                   return {};
                 })

@@ -23,8 +23,8 @@ struct Thumbnail {
   [[nodiscard]] Thumbnail halved() const;
 };
 
-// Seen from frame `from`: luminance pairs (0..1) of the same ground points in two thumbnails, on the surface of the
-// given ellipsoidal height (taken for a plane below the first camera), every `stride`-th pixel.
+// Seen from frame `from`: luminance pairs (0..1) of the same ground points in two thumbnails, on the surface
+// of the given ellipsoidal height (taken for a plane below the first camera), every `stride`-th pixel.
 struct LumaPairs {
   std::vector<float> a, b;
   std::size_t tried = 0;  // pixels of the first thumbnail

@@ -290,16 +290,6 @@ TEST_F(Daemon, MissionsAreStartedListedAndStoppedByCommandAndLink) {
     EXPECT_TRUE(fs::exists(daemon.missions() / name / "flight-1" / "flight.json")) << name;
 }
 
-TEST_F(Daemon, AStageThatThrowsEndsItAndARestartLosesNothing) {
-  DaemonProcess daemon;
-  daemon.start({"--inject-fault", "encoding:throw@4"});
-  EXPECT_EQ(daemon.wait(240s), 1);
-  EXPECT_THAT(daemon.log(), HasSubstr("the encoding stage broke"));
-  daemon.start({"--exit-when-done"});
-  ASSERT_EQ(daemon.wait(240s), 0) << daemon.log();
-  expectWhole(daemon.missions() / daemon.missionNames()[0]);
-}
-
 // systemd's end of sd_notify.
 class NotifySocket {
  public:

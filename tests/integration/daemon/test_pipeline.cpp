@@ -1,18 +1,12 @@
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <chrono>
-#include <nlohmann/json.hpp>
-#include <set>
 #include <thread>
 
-#include "capture/import/import_flight.h"
-#include "capture/replay/replay_source.h"
 #include "daemon/overflyd/options.h"
 #include "daemon/overflyd/pipeline.h"
 #include "tests/integration/daemon/daemon_process.h"
 #include "tests/integration/daemon/pipeline_fixture.h"
-#include "tiling/mapping/mapper_settings.h"
 #include "tiling/store/tile_codec.h"
 
 // The pipeline within the test's process, with the mock camera.
@@ -70,13 +64,9 @@ TEST(Pipeline, AdjustsPosesThatAreTheDevicesOwn) {
   settings.adjust.mode = config::AdjustMode::Always;
   settings.map.folder = folder.path;
   const auto gl = glThread();
-  capture::ReplayOptions options;
-  options.speed = 0;
-  options.import.raw = true;
   const auto mission = folder.path / "mission";
   std::filesystem::create_directories(mission);
-  Pipeline pipeline(settings, std::make_unique<capture::ReplaySource>(test::smokeFlight(), options), mission,
-                    *gl);
+  Pipeline pipeline(settings, smokeSource(0, true), mission, *gl);
   ASSERT_TRUE(pipeline.start());
   ASSERT_TRUE(waitUntilMapped(pipeline)) << pipeline.status().error;
   const PipelineStatus status = pipeline.status();

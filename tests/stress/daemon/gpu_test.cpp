@@ -2,6 +2,7 @@
 
 #include <string>
 
+#include "render/gl/program.h"
 #include "tests/integration/daemon/daemon_process.h"
 #include "tests/integration/daemon/pipeline_fixture.h"
 #include "tests/stress/hard_case/hard_case.h"
@@ -53,7 +54,22 @@ TEST_F(Gpu, OutOfMemory) {
   EXPECT_GE(status.gpu_failures, 3u);
 }
 
-TEST_F(Gpu, ShaderRefused) { (void)survives("gpu/shader", "one variant refused once", "gpu:shader@1"); }
+TEST_F(Gpu, ShaderRefused) {
+  (void)survives("gpu/shader", "one variant refused once", "gpu:shader@1");
+  // It was a shader of the mission that was refused: the next one is not.
+  const auto next =
+      gl_->submit(gl::Priority::Mapping, "next",
+                  [](gl::Context& context) -> Result<void> {
+                    const gl::ShaderFile file{
+                        "next.frag",
+                        "layout(location = 0) out vec4 color; void main() { color = vec4(1.0); }"};
+                    auto program = gl::Program::fullScreen(context, {&file, 1});
+                    if (!program) return tl::unexpected(program.error());
+                    return {};
+                  })
+          .get();
+  EXPECT_TRUE(next) << next.error().message;
+}
 
 TEST_F(Gpu, OfNoUseIsReported) {
   const PipelineFolder folder;
@@ -65,6 +81,7 @@ TEST_F(Gpu, OfNoUseIsReported) {
   EXPECT_FALSE(waitUntilMapped(pipeline));
   const PipelineStatus status = pipeline.status();
   EXPECT_NE(status.error.find("lost"), std::string::npos) << status.error;
+  EXPECT_GE(status.gpu_failures, 8u);
   expectAtMost("gpu/of-no-use", "tries before the mission ends with the reason",
                static_cast<double>(status.gpu_failures), 8);
 }

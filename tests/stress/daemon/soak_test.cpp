@@ -24,7 +24,7 @@ using Clock = std::chrono::steady_clock;
 struct Sample {
   double time_s = 0;
   double rss_mb = 0, descriptors = 0, threads = 0;
-  double answer_ms = 0;  // of a tile request
+  double answer_ms = 0;  // of the link, to a client that asks what tiles there are
   double frames = 0;
 };
 

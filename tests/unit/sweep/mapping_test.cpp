@@ -337,6 +337,34 @@ TEST(EstimateGround, SaysSoWhenThereIsNothingToCompare) {
   }
 }
 
+TEST(Thumbnail, HalfTheSizeShowsTheSame) {
+  const test::Photo photo = test::takePhoto(coarseGround(), test::sceneCamera(111, 100),
+                                            test::lookDown(0, 0, test::kGround + test::kFlight));
+  const Thumbnail whole = thumbnailOf(0, photo), half = whole.halved();
+  ASSERT_EQ(half.camera.width, 55);
+  ASSERT_EQ(half.luma.size(), 55u * static_cast<std::size_t>(half.camera.height));
+  EXPECT_EQ(half.camera.fx, whole.camera.fx / 2);
+  for (int y = 2; y < half.camera.height - 2; ++y)
+    for (int x = 2; x < half.camera.width - 2; ++x)
+      EXPECT_NEAR(half.at({x + 0.5, y + 0.5}).value(), whole.at({2 * x + 1.0, 2 * y + 1.0}).value(),
+                  1.0 / 255);
+}
+
+TEST(ExposureBalance, ComparesLargeFramesToo) {
+  ExposureBalance balance;
+  for (int i = 0; i < 3; ++i)
+    balance.add(thumbnailOf(static_cast<std::uint64_t>(i),
+                            test::takePhoto(coarseGround(), test::sceneCamera(330, 300),
+                                            test::lookDown(9.0 * i, 0, test::kGround + test::kFlight)),
+                            1 - 0.2 * i),
+                test::kGround);
+  const auto gains = balance.solve();
+  ASSERT_EQ(gains.size(), 3u);
+  for (int i = 1; i < 3; ++i)
+    EXPECT_NEAR(static_cast<double>(gains.at(static_cast<std::uint64_t>(i))) * (1 - 0.2 * i),
+                static_cast<double>(gains.at(0)), 0.03);
+}
+
 TEST(ExposureBalance, EvensOutGainsWhateverTheOrderOfArrival) {
   const std::vector<double> exposure{1.0, 0.8, 0.65, 0.9};
   const std::vector<test::Photo> photos = strip(coarseGround(), 4);
