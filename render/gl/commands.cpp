@@ -115,6 +115,12 @@ void dispatchOver(Program& program, int width, int height, int depth, Barrier af
            after);
 }
 
+float largestPoint(const Context&) {
+  std::array<float, 2> range{1, 1};
+  glGetFloatv(GL_ALIASED_POINT_SIZE_RANGE, range.data());
+  return range[1];
+}
+
 void drawFullScreen(Program& program, Framebuffer& target, const DrawState& state) {
   program.use();
   glBindFramebuffer(GL_FRAMEBUFFER, target.object().name());

@@ -32,6 +32,9 @@ void dispatch(Program& program, int groups_x, int groups_y = 1, int groups_z = 1
 // As many work groups as cover `width` x `height` (x `depth`) invocations: the shader must cut off the rest.
 void dispatchOver(Program& program, int width, int height, int depth = 1, Barrier after = Barrier::All);
 
+// Texels across the largest point that draw() can make here; OpenGL ES promises 1.
+[[nodiscard]] float largestPoint(const Context& context);
+
 enum class Blend { Off, Alpha, Premultiplied, Add, Max, Min };
 enum class Cull { Off, Back, Front };
 enum class Topology { Triangles, TriangleStrip, Lines, Points };

@@ -15,8 +15,7 @@ struct AxisCover {
   int count;
 };
 
-std::vector<AxisCover> coverOf(int texels, int apron, int margin) {
-  const int band = apron / 2;
+std::vector<AxisCover> coverOf(int texels, int apron, int margin, int band) {
   std::vector<AxisCover> covers;
   for (int i = -margin; i < texels + margin; ++i) {
     AxisCover cover{};
@@ -36,18 +35,71 @@ std::vector<AxisCover> coverOf(int texels, int apron, int margin) {
   return covers;
 }
 
+// The field on a grid twice as fine: heights bilinear among the known ones, confidence as it was. Where the
+// texel that a finer one lies in has no height, it has none.
+HeightField refined(const HeightField& coarse) {
+  HeightField fine;
+  fine.texels = 2 * coarse.texels;
+  fine.apron = coarse.apron;
+  fine.halvings = coarse.halvings - 1;
+  const int side = fine.side(), coarse_side = coarse.side();
+  const auto n = static_cast<std::size_t>(side), m = static_cast<std::size_t>(coarse_side);
+  fine.height.assign(n * n, std::numeric_limits<float>::quiet_NaN());
+  fine.confidence.assign(n * n, 0);
+  struct Between {
+    std::size_t nearest, other;  // of the coarse texels; 3/4 and 1/4 of the way
+  };
+  std::vector<Between> along(n);
+  for (int i = 0; i < side; ++i) {
+    const int at = i - fine.apron;
+    const int nearest = (at >= 0 ? at / 2 : (at - 1) / 2) + fine.apron;
+    const int other = std::clamp(nearest + ((at & 1) != 0 ? 1 : -1), 0, coarse_side - 1);
+    along[static_cast<std::size_t>(i)] = {static_cast<std::size_t>(nearest), static_cast<std::size_t>(other)};
+  }
+  for (std::size_t y = 0; y < n; ++y)
+    for (std::size_t x = 0; x < n; ++x) {
+      const std::size_t own = along[y].nearest * m + along[x].nearest;
+      if (std::isnan(coarse.height[own])) continue;
+      float sum = 0, total = 0;
+      const auto add = [&](std::size_t at, float share) {
+        if (std::isnan(coarse.height[at])) return;
+        sum += share * (coarse.height[at] - coarse.height[own]);
+        total += share;
+      };
+      add(own, 0.5625f);
+      add(along[y].nearest * m + along[x].other, 0.1875f);
+      add(along[y].other * m + along[x].nearest, 0.1875f);
+      add(along[y].other * m + along[x].other, 0.0625f);
+      fine.height[y * n + x] = coarse.height[own] + sum / total;
+      fine.confidence[y * n + x] = coarse.confidence[own];
+    }
+  return fine;
+}
+
 }  // namespace
 
-HeightMosaic assembleHeights(const std::array<const HeightField*, 9>& fields, int margin, double step_m) {
+HeightMosaic assembleHeights(const std::array<const HeightField*, 9>& swept, int margin, double step_m) {
+  std::array<const HeightField*, 9> fields = swept;
+  int halvings = fields[4]->halvings;
+  for (const HeightField* field : fields)
+    if (field != nullptr) halvings = std::min(halvings, field->halvings);
+  std::array<HeightField, 9> finer;
+  for (std::size_t i = 0; i < fields.size(); ++i)
+    while (fields[i] != nullptr && fields[i]->halvings > halvings) {
+      finer[i] = refined(*fields[i]);
+      fields[i] = &finer[i];
+    }
   HeightMosaic mosaic;
   const HeightField& any = *fields[4];
   mosaic.texels = any.texels;
-  mosaic.margin = margin;
+  mosaic.margin = margin >> halvings;
+  mosaic.halvings = halvings;
   const auto side = static_cast<std::size_t>(mosaic.side());
   mosaic.height.assign(side * side, std::numeric_limits<float>::quiet_NaN());
   mosaic.confidence.assign(side * side, 0);
   mosaic.filled.assign(side * side, 0);
-  const std::vector<AxisCover> covers = coverOf(any.texels, any.apron, margin);
+  const std::vector<AxisCover> covers =
+      coverOf(any.texels, any.apron, mosaic.margin, (any.apron / 2) >> halvings);
   const auto field_side = static_cast<std::size_t>(any.side());
   for (std::size_t y = 0; y < side; ++y)
     for (std::size_t x = 0; x < side; ++x) {

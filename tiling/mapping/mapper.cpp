@@ -237,11 +237,6 @@ void Mapper::onPause(std::function<bool()> pause) {
 
 const MapperStatistics& Mapper::statistics() const { return impl_->statistics; }
 
-const HeightField* Mapper::sweptField(const geo::TileKey& cell) const {
-  const auto found = impl_->cells.find(cell);
-  return found == impl_->cells.end() ? nullptr : &found->second.field;
-}
-
 std::vector<geo::TileKey> Mapper::neighboursOf(const geo::TileKey& cell) {
   std::vector<geo::TileKey> keys;
   for (int dy = -1; dy <= 1; ++dy)
@@ -477,6 +472,7 @@ Result<std::vector<Tile>> Mapper::Impl::colour(const geo::TileKey& cell, HeightM
         static_cast<std::uint16_t>(std::lower_bound(set.begin(), set.end(), views[k].frame_id) - set.begin());
   std::vector<Tile> tiles;
   const int per_side = 1 << scale;
+  const double grid_from_texel = static_cast<double>(mosaic.texels) / size;
   for (int ty = 0; ty < per_side; ++ty)
     for (int tx = 0; tx < per_side; ++tx) {
       Tile tile =
@@ -495,8 +491,8 @@ Result<std::vector<Tile>> Mapper::Impl::colour(const geo::TileKey& cell, HeightM
           tile.gsd[out] = gsdCode(static_cast<double>(photo->gsd_m[in]));
           if (photo->source[in] != 65535) tile.angle[out] = angleCode(static_cast<double>(photo->tilt[in]));
           // The height at the texel's centre: bilinear in the sweep's grid, unless a neighbour is missing.
-          const double gx = (px + 0.5) / per_side - 0.5 + mosaic.margin,
-                       gy = (py + 0.5) / per_side - 0.5 + mosaic.margin;
+          const double gx = (px + 0.5) * grid_from_texel - 0.5 + mosaic.margin,
+                       gy = (py + 0.5) * grid_from_texel - 0.5 + mosaic.margin;
           const auto ix = static_cast<std::size_t>(gx), iy = static_cast<std::size_t>(gy);
           const auto n = static_cast<std::size_t>(side);
           const std::size_t nearest =
@@ -551,8 +547,9 @@ Result<std::vector<Tile>> Mapper::finishCell(const geo::TileKey& cell, Around ne
   {
     const Stopwatch watch(impl_->statistics.blend_s);
     mosaic = assembleHeights(fields, kSurfaceMargin, 2.0 * step_m);
-    fillHoles(mosaic.height, mosaic.filled, mosaic.side(), impl_->options.hole_texels << (2 * coarser),
-              3.0 * step_m);
+    // As wide in texels of the frames, whatever grid they are swept on.
+    const int hole_texels = (impl_->options.hole_texels << (2 * coarser)) >> (2 * mosaic.halvings);
+    fillHoles(mosaic.height, mosaic.filled, mosaic.side(), hole_texels, 3.0 * step_m);
   }
   auto tiles = impl_->colour(cell, std::move(mosaic), std::move(frame_set));
   impl_->forgetOldCells();

@@ -134,8 +134,6 @@ class Mapper {
 
   [[nodiscard]] static std::vector<geo::TileKey> neighboursOf(
       const geo::TileKey& cell);  // 3x3, itself included
-  // A cell as it was last swept, before neighbours are blended and holes filled; null when it was not.
-  [[nodiscard]] const HeightField* sweptField(const geo::TileKey& cell) const;
   [[nodiscard]] const MapperStatistics& statistics() const;
 
  private:

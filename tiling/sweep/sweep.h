@@ -24,7 +24,7 @@ struct SweepOptions {
   int window_radius = 3;     // texels; support window of (2 r + 1)^2; larger: fewer errors, rounder edges
   int levels = 4;            // of the coarse-to-fine search, each twice as fine; 1: full range at the finest
   int finest_level = 0;      // where the search ends, below `levels`: 0 on the grid's own texels; each more
-                             // takes a quarter of the time, and the heights are interpolated
+                             // takes a quarter of the time, and the field has half the resolution
   double plane_step = 0.8;   // distance of planes, in texels of parallax between two mean views
   int max_views = 12;        // at most kMaxViews
   int max_planes = 256;      // on the coarsest grid; a taller range is searched in wider steps
@@ -38,7 +38,7 @@ struct SweepOptions {
   double min_score = 0.20;          // below: no data. For Zncc the mean correlation over all pairs of views
   int median_radius = 2;            // texels; 0..2
   double smooth_planes = 1.0;  // edge-preserving smoothing: heights that differ by more planes do not mix
-  int min_segment = 40;        // finest texels; smaller islands that jump from all around them are removed
+  int min_segment = 40;  // texels of the field; smaller islands that jump from all around them are removed
   // A height whose rival, elsewhere in the range, agrees at least this share as well is no data: the texture
   // repeats. Natural ground stays below 0.6. 1 or more: not asked for.
   double max_rival = 0.65;
@@ -66,8 +66,9 @@ struct SweepGrid {
 
 // What came out: side() x side() values, row 0 north, the apron included.
 struct HeightField {
-  int texels = 0;
-  int apron = 0;
+  int texels = 0;                        // over the cell: the grid's, halved `halvings` times
+  int apron = 0;                         // in texels of this field
+  int halvings = 0;                      // the level where the search ended
   std::vector<float> height;             // ellipsoidal, metres; NaN: no data
   std::vector<float> score;              // agreement of the views, -1..1
   std::vector<std::uint8_t> confidence;  // 0..255, from score, shape of the cost curve and neighbours

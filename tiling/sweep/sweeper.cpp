@@ -24,23 +24,6 @@ using detail::Pass;
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 constexpr double kLeastBaseline = 0.01;  // of two views, in depths
 
-// Each texel of the next finer grid as the one of the coarse grid that it lies in.
-template <typename T>
-std::vector<T> repeatTexels(const std::vector<T>& coarse, int coarse_texels, int apron) {
-  const int coarse_side = coarse_texels + 2 * apron, side = 2 * coarse_texels + 2 * apron;
-  std::vector<T> fine(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
-  const auto coarseOf = [&](int i) {  // of the fine texel i, its apron counted
-    const int at = i - apron;
-    return (at >= 0 ? at / 2 : (at - 1) / 2) + apron;
-  };
-  for (int y = 0; y < side; ++y)
-    for (int x = 0; x < side; ++x)
-      fine[static_cast<std::size_t>(y) * static_cast<std::size_t>(side) + static_cast<std::size_t>(x)] =
-          coarse[static_cast<std::size_t>(coarseOf(y)) * static_cast<std::size_t>(coarse_side) +
-                 static_cast<std::size_t>(coarseOf(x))];
-  return fine;
-}
-
 std::optional<std::string> problemOf(std::span<const SweepView> views, const SweepGrid& grid,
                                      const geo::LocalFrame& local) {
   if (views.size() < 2) return "fewer than two views see the cell";
@@ -77,6 +60,21 @@ struct RangeSearch {
   std::vector<Best> best;
   std::vector<float> rival_height, rival_share;
 };
+
+// Leaves of the marked texels (1, others 0) those with more than half of their neighbourhood marked, and
+// counts them. Where a surface runs out of the band its texels stand together; single ones are noise, which
+// the median takes away.
+std::size_t keepGroups(std::vector<std::uint8_t>& mask, int side) {
+  const cv::Mat marked(side, side, CV_8U, mask.data());
+  cv::Mat around;
+  cv::boxFilter(marked, around, CV_8U, {3, 3}, {-1, -1}, false, cv::BORDER_CONSTANT);
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < mask.size(); ++i) {
+    mask[i] = mask[i] != 0 && around.data[i] >= 5 ? 1 : 0;
+    kept += mask[i];
+  }
+  return kept;
+}
 
 }  // namespace
 
@@ -213,11 +211,11 @@ Result<std::vector<Best>> Sweeper::Impl::sweepBand(const Pass& pass, std::span<c
       }
   }
   for (int widening = 0; widening < pass.options->widenings; ++widening) {
-    const std::size_t edges = mark([&](std::size_t i) {
+    mark([&](std::size_t i) {
       const Best& b = (*best)[i];
       return (b.plane < 0.5f || b.plane > 5.5f) && b.score > 0;
     });
-    if (edges <= 10 * few_texels) break;
+    if (keepGroups(mask, pass.side()) <= 2 * few_texels) break;
     std::vector<float> moved(base.size());
     for (std::size_t i = 0; i < base.size(); ++i) moved[i] = (*best)[i].height;
     auto other = passes.best(pass, medianHeights(moved, pass.side(), 2), 0, field.samples, mask);
@@ -229,14 +227,18 @@ Result<std::vector<Best>> Sweeper::Impl::sweepBand(const Pass& pass, std::span<c
 
 Result<HeightField> Sweeper::run(const SweepGrid& grid, std::span<const SweepView> all_views,
                                  const SweepOptions& options) {
+  int levels = std::max(1, options.levels);
+  while (levels > 1 && (grid.texels >> (levels - 1)) < 16) --levels;
+  const int finest = std::clamp(options.finest_level, 0, levels - 1);
   HeightField field;
-  field.texels = grid.texels;
+  field.texels = grid.texels >> finest;
   field.apron = grid.apron;
-  const std::size_t count = static_cast<std::size_t>(field.side()) * static_cast<std::size_t>(field.side());
+  field.halvings = finest;
   const auto views = all_views.first(std::min<std::size_t>(
       all_views.size(), static_cast<std::size_t>(std::clamp(options.max_views, 2, SweepOptions::kMaxViews))));
   if (const auto problem = problemOf(views, grid, grid.frame->local())) {
     field.reason = *problem;
+    const auto count = static_cast<std::size_t>(field.side()) * static_cast<std::size_t>(field.side());
     field.height.assign(count, kNaN);
     field.score.assign(count, 0.0f);
     field.confidence.assign(count, 0);
@@ -250,9 +252,6 @@ Result<HeightField> Sweeper::run(const SweepGrid& grid, std::span<const SweepVie
   detail::Rivals rivals(options.max_rival);
   // Two or three views agree by chance as well as a pattern does.
   const bool asks_for_rivals = options.max_rival < 1 && views.size() >= 4;
-  int levels = std::max(1, options.levels);
-  while (levels > 1 && (grid.texels >> (levels - 1)) < 16) --levels;
-  const int finest = std::clamp(options.finest_level, 0, levels - 1);
   for (int level = levels - 1; level >= finest; --level) {
     const double spacing = texel_m * (1 << level);
     double plane_step_m = options.plane_step * spacing * geometry.height_per_baseline;
@@ -286,12 +285,8 @@ Result<HeightField> Sweeper::run(const SweepGrid& grid, std::span<const SweepVie
   }
   std::vector<std::uint8_t> repeats;
   if (asks_for_rivals) repeats = rivals.texels();
-  for (int level = finest; level > 0; --level) {
-    height = upsampleHeights(height, grid.texels >> level, grid.apron);
-    best = repeatTexels(best, grid.texels >> level, grid.apron);
-    if (!repeats.empty()) repeats = repeatTexels(repeats, grid.texels >> level, grid.apron);
-  }
 
+  const std::size_t count = best.size();
   field.height = std::move(height);
   field.score.resize(count);
   field.confidence.resize(count);
@@ -303,7 +298,7 @@ Result<HeightField> Sweeper::run(const SweepGrid& grid, std::span<const SweepVie
   }
   for (std::size_t i = 0; i < repeats.size(); ++i)
     if (repeats[i] != 0) field.height[i] = kNaN;
-  removeIslands(field.height, field.side(), 2.5 * field.plane_step_m, options.min_segment << (2 * finest));
+  removeIslands(field.height, field.side(), 2.5 * field.plane_step_m, options.min_segment);
   for (std::size_t i = 0; i < count; ++i)
     field.confidence[i] = std::isnan(field.height[i])
                               ? std::uint8_t{0}

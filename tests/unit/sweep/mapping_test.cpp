@@ -100,6 +100,66 @@ TEST(AssembleHeights, TwoCellsSeeTheSameHeightAtTheSamePlace) {
   EXPECT_GT(compared, 1000);
 }
 
+// A field of half the resolution, of the same ground: coarse texel i lies over fine texels 2 i and 2 i + 1.
+template <typename Surface>
+HeightField halvedFieldOf(int column, int row, const Surface& surface) {
+  HeightField field;
+  field.texels = kTexels / 2;
+  field.apron = kApron;
+  field.halvings = 1;
+  for (int y = -kApron; y < field.texels + kApron; ++y)
+    for (int x = -kApron; x < field.texels + kApron; ++x)
+      field.height.push_back(surface(column * kTexels + 2 * x + 0.5, row * kTexels + 2 * y + 0.5));
+  field.confidence.assign(field.height.size(), 200);
+  return field;
+}
+
+TEST(AssembleHeights, FieldsOfHalfTheResolutionStaySo) {
+  const auto surface = [](double x, double y) { return static_cast<float>(400 + 0.03 * x - 0.05 * y); };
+  const HeightMosaic mosaic = mosaicAt(
+      0, 0, [&](int c, int r) { return halvedFieldOf(c, r, surface); }, 0.5);
+  ASSERT_EQ(mosaic.halvings, 1);
+  ASSERT_EQ(mosaic.texels, kTexels / 2);
+  ASSERT_EQ(mosaic.margin, kMargin / 2);
+  for (int y = 0; y < mosaic.side(); ++y)
+    for (int x = 0; x < mosaic.side(); ++x)
+      ASSERT_NEAR(mosaic.height[static_cast<std::size_t>(y * mosaic.side() + x)],
+                  surface(2 * (x - mosaic.margin) + 0.5, 2 * (y - mosaic.margin) + 0.5), 1e-3);
+}
+
+TEST(AssembleHeights, CoarserFieldsBesideFinerOnesAreInterpolated) {
+  const auto surface = [](double x, double y) { return static_cast<float>(400 + 0.03 * x - 0.05 * y); };
+  const auto make = [&](int c, int r) {
+    if (c > 0) return halvedFieldOf(c, r, surface);
+    return fieldOf(c, r, [&](int x, int y) { return surface(x, y); });
+  };
+  const HeightMosaic west = mosaicAt(0, 0, make, 0.5), east = mosaicAt(1, 0, make, 0.5);
+  for (const HeightMosaic* mosaic : {&west, &east}) {
+    ASSERT_EQ(mosaic->halvings, 0);
+    const int first = mosaic == &east ? kTexels : 0;
+    for (int y = 0; y < mosaic->side(); ++y)
+      for (int x = 0; x < mosaic->side(); ++x)
+        ASSERT_NEAR(mosaic->height[static_cast<std::size_t>(y * mosaic->side() + x)],
+                    surface(first + x - kMargin, y - kMargin), 1e-3)
+            << x << ", " << y;
+  }
+  // A hole keeps its place and does not reach its neighbours.
+  const auto holed = [&](int c, int r) {
+    HeightField field = make(c, r);
+    if (c == 1 && r == 0) field.height[static_cast<std::size_t>(20 * field.side() + 20)] = kNaN;
+    return field;
+  };
+  const HeightMosaic with_hole = mosaicAt(1, 0, holed, 0.5);
+  for (int y = 0; y < kTexels; ++y)
+    for (int x = 0; x < kTexels; ++x) {
+      const bool hole = x / 2 == 20 - kApron && y / 2 == 20 - kApron;
+      const auto at = static_cast<std::size_t>((y + kMargin) * with_hole.side() + x + kMargin);
+      ASSERT_EQ(std::isnan(with_hole.height[at]), hole) << x << ", " << y;
+      if (hole) continue;
+      ASSERT_NEAR(with_hole.height[at], surface(kTexels + x, y), 0.06);
+    }
+}
+
 TEST(AssembleHeights, MissingNeighboursAreLeftOut) {
   const HeightField field = fieldOf(0, 0, [](int, int) { return 5.0f; });
   std::array<const HeightField*, 9> fields{};

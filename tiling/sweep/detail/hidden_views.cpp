@@ -19,10 +19,10 @@ Result<gl::Program*> HiddenViews::programOf(int views, bool on_surface) {
   const std::array files{gl::ShaderFile{"hidden.glsl", shaders::sweep::hidden_glsl},
                          gl::ShaderFile{"hidden_views.frag", shaders::sweep::hidden_views_frag}};
   std::vector<gl::Define> defines = viewDefines(views);
-  defines.push_back({"SKIP_BELOW", kSkipBelow});
   defines.push_back({"STRETCH", std::to_string(kCeilingBlock) + ".0"});
   if (on_surface) defines.push_back({"ON_SURFACE", "1"});
-  auto program = gl::Program::fullScreen(*context_, files, defines);
+  auto program = on_surface ? gl::Program::fullScreen(*context_, files, defines)
+                            : TexelBlocks::program(*context_, files, defines);
   if (!program) return tl::unexpected(program.error());
   return &programs_.emplace(key, std::move(*program)).first->second;
 }
@@ -78,7 +78,10 @@ Result<void> HiddenViews::mark(const ViewGeometry& geometry, int grid_texels, in
   p.set("rim", static_cast<float>(rule.rim));
   p.set("clearance", static_cast<float>(rule.clearance_m));
   p.set("share", static_cast<float>(rule.share));
-  gl::drawFullScreen(p, target);
+  if (base != nullptr)
+    base->wanted->draw(p, target);
+  else
+    gl::drawFullScreen(p, target);
   return {};
 }
 

@@ -6,6 +6,7 @@
 #include "render/gl/framebuffer.h"
 #include "render/gl/program.h"
 #include "render/gl/texture.h"
+#include "tiling/sweep/detail/texel_blocks.h"
 #include "tiling/sweep/detail/view_geometry.h"
 
 namespace overfly::tiling::detail {
@@ -34,17 +35,17 @@ class HiddenViews {
  public:
   explicit HiddenViews(gl::Context& context) : context_(&context) {}
 
-  // A grid's texels at their own heights, base + offset_m; texels whose base lies below `skip_below` see all.
+  // A grid's texels at their own heights, base + offset_m.
   struct Base {
     const gl::Texture* height = nullptr;  // R32F, the grid's side
     double offset_m = 0;
+    const TexelBlocks* wanted = nullptr;  // the others are left as they are
   };
   // Draws into `target` (R32F, the grid's side), for every texel a whole number whose bit k says that view k
-  // is hidden. Without a base the texels lie on the surface. kSkip: base height of texels that are left out.
+  // is hidden. Without a base the texels lie on the surface.
   [[nodiscard]] Result<void> mark(const ViewGeometry& geometry, int grid_texels, int grid_apron,
                                   const Occluder& occluder, const Base* base, const HidingRule& rule,
                                   gl::Framebuffer& target);
-  static constexpr const char* kSkipBelow = "-1e8";  // base heights below are left out
 
  private:
   Result<gl::Program*> programOf(int views, bool on_surface);

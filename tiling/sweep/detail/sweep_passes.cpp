@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <limits>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 #include <string>
@@ -14,7 +15,6 @@ namespace overfly::tiling::detail {
 namespace {
 
 constexpr const char* kHalfFloatScale = "16.0";
-constexpr float kSkip = -1e9f;  // base height of a texel that is not wanted: below HiddenViews::kSkipBelow
 
 gl::Sampling nearest() { return {gl::Filter::Nearest, gl::Filter::Nearest}; }
 
@@ -31,9 +31,9 @@ Result<gl::Program*> SweepPasses::costProgram(const CostKey& key) {
   defines.push_back({"NO_VIEWS", cost == static_cast<int>(MatchCost::Zncc) ? "-0.02" : "-1.0"});
   defines.push_back({"HALF_FLOAT_SCALE", kHalfFloatScale});
   if (better_half) defines.push_back({"BETTER_HALF", "1"});
-  if (masked) defines.push_back({"SKIP_BELOW", HiddenViews::kSkipBelow});
   if (occluders) defines.push_back({"OCCLUDERS", "1"});
-  auto program = gl::Program::fullScreen(*context_, files, defines);
+  auto program = masked ? TexelBlocks::program(*context_, files, defines)
+                        : gl::Program::fullScreen(*context_, files, defines);
   if (!program) return tl::unexpected(program.error());
   return &cost_programs_.emplace(key, std::move(*program)).first->second;
 }
@@ -46,8 +46,8 @@ Result<gl::Program*> SweepPasses::windowProgram(std::map<WindowKey, gl::Program>
                                   {"COST", std::to_string(cost)},
                                   {"HALF_FLOAT_SCALE", kHalfFloatScale}};
   if (raw) defines.push_back({"RAW", "1"});
-  if (masked) defines.push_back({"SKIP_BELOW", HiddenViews::kSkipBelow});
-  auto program = gl::Program::fullScreen(*context_, std::span(&file, 1), defines);
+  auto program = masked ? TexelBlocks::program(*context_, std::span(&file, 1), defines)
+                        : gl::Program::fullScreen(*context_, std::span(&file, 1), defines);
   if (!program) return tl::unexpected(program.error());
   return &programs.emplace(key, std::move(*program)).first->second;
 }
@@ -65,6 +65,9 @@ Result<SweepPasses::Targets*> SweepPasses::targetsOf(int side) {
     if (!created) return tl::unexpected(created.error());
     *into = std::move(*created);
   }
+  auto wanted = TexelBlocks::create(*context_, side);
+  if (!wanted) return tl::unexpected(wanted.error());
+  made.wanted = std::move(*wanted);
   Targets& kept = targets_.emplace(side, std::move(made)).first->second;
   const auto target = [&](gl::Framebuffer& into,
                           std::initializer_list<const gl::Texture*> textures) -> Result<void> {
@@ -93,7 +96,7 @@ Result<bool> SweepPasses::findHidden(const Pass& pass, Targets& targets, double 
   if (!coarse) return tl::unexpected(coarse.error());
   (*coarse)->surface.upload(occluders.height);
   const Occluder occluder{occluders.height, occluders.texels, apron, &(*coarse)->surface};
-  const HiddenViews::Base base{&targets.base, offset_m};
+  const HiddenViews::Base base{&targets.base, offset_m, &targets.wanted};
   if (auto ok = hidden_.mark(*pass.geometry, pass.grid->texels >> pass.level, apron, occluder, &base,
                              {.rim = 2.0, .clearance_m = clearance}, targets.into_hidden);
       !ok)
@@ -112,32 +115,28 @@ Result<SweepPasses::Targets*> SweepPasses::windowSums(const Pass& pass, std::spa
   Targets& p = **targets;
   const bool masked = !mask.empty();
   std::size_t texels = base.size();
-  double lowest = 0;
+  float lowest = *std::min_element(base.begin(), base.end());
   if (masked) {
     // The window needs its neighbours too.
     const cv::Mat wanted(side, side, CV_8U, const_cast<std::uint8_t*>(mask.data()));
     cv::Mat around;
     cv::dilate(wanted, around, cv::Mat::ones(2 * radius + 1, 2 * radius + 1, CV_8U));
-    std::vector<float> some(base.begin(), base.end());
-    texels = 0;
-    bool first = true;
-    for (std::size_t i = 0; i < some.size(); ++i) {
-      if (around.data[i] == 0) {
-        some[i] = kSkip;
-        continue;
-      }
-      ++texels;
-      lowest = first ? static_cast<double>(some[i]) : std::min(lowest, static_cast<double>(some[i]));
-      first = false;
-    }
-    p.base.upload(std::span<const float>(some));
-  } else {
-    lowest = static_cast<double>(*std::min_element(base.begin(), base.end()));
-    p.base.upload(base);
+    p.wanted.set({around.data, base.size()});
+    texels = p.wanted.texels();
+    lowest = std::numeric_limits<float>::max();
+    for (std::size_t i = 0; i < base.size(); ++i)
+      if (around.data[i] != 0) lowest = std::min(lowest, base[i]);
   }
+  p.base.upload(base);
+  const auto draw = [&](gl::Program& program, gl::Framebuffer& target) {
+    if (masked)
+      p.wanted.draw(program, target);
+    else
+      gl::drawFullScreen(program, target);
+  };
   bool hidden = false;
   if (occluders != nullptr) {
-    auto found = findHidden(pass, p, lowest, offset_m, *occluders);
+    auto found = findHidden(pass, p, static_cast<double>(lowest), offset_m, *occluders);
     if (!found) return tl::unexpected(found.error());
     hidden = *found;
   }
@@ -153,11 +152,10 @@ Result<SweepPasses::Targets*> SweepPasses::windowSums(const Pass& pass, std::spa
   (*costs)->set("plane_step", static_cast<float>(pass.plane_step_m));
   (*costs)->set("height_offset", static_cast<float>(offset_m));
   (*costs)->set("lod", std::span<const float>(pass.lods));
-  gl::drawFullScreen(**costs, p.into_a);
-  if (masked) (*rows)->setTexture("base_height", 2, p.base);
+  draw(**costs, p.into_a);
   (*rows)->setTexture("first_in", 0, p.a0);
   (*rows)->setTexture("second_in", 1, p.a1);
-  gl::drawFullScreen(**rows, p.into_b);
+  draw(**rows, p.into_b);
   const std::uint64_t reads = pass.options->cost == MatchCost::Census ? 9 : 1;
   samples += texels * kPlanes * pass.views.size() * reads;
   return targets;
@@ -178,7 +176,10 @@ Result<std::vector<Best>> SweepPasses::best(const Pass& pass, std::span<const fl
   (*best)->setTexture("base_height", 2, p.base);
   (*best)->set("plane_step", static_cast<float>(pass.plane_step_m));
   (*best)->set("height_offset", static_cast<float>(offset_m));
-  gl::drawFullScreen(**best, p.into_best);
+  if (mask.empty())
+    gl::drawFullScreen(**best, p.into_best);
+  else
+    p.wanted.draw(**best, p.into_best);
   std::vector<Best> result(base.size());
   const std::span<float> floats(reinterpret_cast<float*>(result.data()), result.size() * 4);
   if (auto ok = p.best.download(floats); !ok) return tl::unexpected(ok.error());
@@ -233,7 +234,6 @@ Result<std::vector<float>> SweepPasses::full(const SweepGrid& grid, std::span<co
   program.set("lowest_plane", 0.0f);
   program.set("plane_step", static_cast<float>(options.plane_step_m));
   program.set("planes", planes);
-  program.set("first_lod", 0.0f);
   gl::drawFullScreen(program, (*targets)->into_best);
   std::vector<float> best(static_cast<std::size_t>(side) * static_cast<std::size_t>(side) * 4);
   if (auto ok = (*targets)->best.download(std::span<float>(best)); !ok) return tl::unexpected(ok.error());

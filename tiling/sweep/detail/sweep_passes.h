@@ -11,6 +11,7 @@
 #include "render/gl/program.h"
 #include "render/gl/texture.h"
 #include "tiling/sweep/detail/hidden_views.h"
+#include "tiling/sweep/detail/texel_blocks.h"
 #include "tiling/sweep/detail/view_geometry.h"
 #include "tiling/sweep/sweep.h"
 
@@ -62,8 +63,8 @@ class SweepPasses {
   void onPause(std::function<bool()> pause) { pause_ = std::move(pause); }
 
   // The best of seven planes around base + offset at every texel. With a mask (1: wanted) only its texels are
-  // made, the others are undefined. With occluders a view does not count where they stand between it and the
-  // texel. Adds the image samples read to `samples`.
+  // made, the others are undefined; occluders go with a mask: a view does not count where they stand between it
+  // and the texel. Adds the image samples read to `samples`.
   [[nodiscard]] Result<std::vector<Best>> best(const Pass& pass, std::span<const float> base, double offset_m,
                                                std::uint64_t& samples,
                                                std::span<const std::uint8_t> mask = {},
@@ -86,6 +87,7 @@ class SweepPasses {
   struct Targets {
     gl::Texture base, surface, a0, a1, b0, b1, best, hidden;
     gl::Framebuffer into_a, into_b, into_best, into_hidden;
+    TexelBlocks wanted;
   };
 
   Result<gl::Program*> costProgram(const CostKey& key);

@@ -58,8 +58,12 @@ ViewGeometry viewGeometry(std::span<const SweepView> views, const geo::TileFrame
 
 std::vector<gl::Define> viewDefines(int views) {
   std::string each;
-  for (int k = 0; k < views; ++k) each += "F(" + std::to_string(k) + ") ";
-  return {{"VIEWS", std::to_string(views)}, {"EACH_VIEW(F)", each}};
+  std::string pairs;
+  for (int k = 0; k < views; ++k) {
+    each += "F(" + std::to_string(k) + ") ";
+    for (int j = 0; j < k; ++j) pairs += "F(" + std::to_string(k) + ", " + std::to_string(j) + ") ";
+  }
+  return {{"VIEWS", std::to_string(views)}, {"EACH_VIEW(F)", each}, {"EACH_PAIR(F)", pairs}};
 }
 
 void setGrid(gl::Program& program, const ViewGeometry& geometry, int texels, int apron) {

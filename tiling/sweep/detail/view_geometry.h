@@ -25,7 +25,8 @@ struct ViewGeometry {
 [[nodiscard]] ViewGeometry viewGeometry(std::span<const SweepView> views, const geo::TileFrame& frame,
                                         double ground_height_m, double reference_height_m);
 
-// The number of views as shaders want it: VIEWS, and EACH_VIEW(F), which is F(0) F(1) ... F(VIEWS - 1).
+// The number of views as shaders want it: VIEWS; EACH_VIEW(F), which is F(0) F(1) ... F(VIEWS - 1);
+// EACH_PAIR(F), which is F(1, 0) F(2, 0) F(2, 1) ... F(VIEWS - 1, VIEWS - 2).
 [[nodiscard]] std::vector<gl::Define> viewDefines(int views);
 
 // Sets where a grid of texels x texels over the cell lies, with `apron` more of its texels on every side.

@@ -1,5 +1,5 @@
 // Which views cannot see a texel: bit k of a whole number for view k. ON_SURFACE: the texels lie on the
-// surface, else at their own base heights, and those below SKIP_BELOW are left out.
+// surface, else at their own base heights.
 #ifndef ON_SURFACE
 uniform sampler2D base_height;
 uniform float height_offset;
@@ -19,16 +19,12 @@ void main() {
 #ifdef ON_SURFACE
   float z = textureLod(surface, at, 0.0).r;
 #else
-  float base = texelFetch(base_height, ivec2(gl_FragCoord.xy), 0).r;
-  float z = base + height_offset;
-  if (base > SKIP_BELOW)
+  float z = texelFetch(base_height, ivec2(gl_FragCoord.xy), 0).r + height_offset;
 #endif
-  {
-    float s = grid_origin.x + gl_FragCoord.x * grid_step, t = grid_origin.y + gl_FragCoord.y * grid_step;
-    vec3 point = ground[0] + s * (ground[1] + s * ground[3] + t * ground[4]) + t * (ground[2] + t * ground[5]);
-    point += z * up[0];
-    for (int k = 0; k < VIEWS; ++k)
-      if (isHidden(at, z, point, camera[k], rim, clearance, share)) hidden += float(1 << k);
-  }
+  float s = grid_origin.x + gl_FragCoord.x * grid_step, t = grid_origin.y + gl_FragCoord.y * grid_step;
+  vec3 point = ground[0] + s * (ground[1] + s * ground[3] + t * ground[4]) + t * (ground[2] + t * ground[5]);
+  point += z * up[0];
+  for (int k = 0; k < VIEWS; ++k)
+    if (isHidden(at, z, point, camera[k], rim, clearance, share)) hidden += float(1 << k);
   hidden_out = vec4(hidden);
 }

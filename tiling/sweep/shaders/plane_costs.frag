@@ -7,7 +7,6 @@
 // Pair sums come from sums over views: sum_{i != j} v_i v_j = S^2 - Q.
 // BETTER_HALF: of the views that see the texel only the half that agrees best with all others counts (5.5.4).
 // OCCLUDERS: hidden_views names, as bits of a whole number, the views that do not count at a texel.
-// SKIP_BELOW: texels whose base height lies below it are left out.
 uniform sampler2D views[VIEWS];
 uniform sampler2D base_height;
 uniform float plane_step;
@@ -108,20 +107,20 @@ float planeAgreement(float z) {
   strength = squares / count;
   return -2.0 * (count * squares - sum * sum) / pairs;
 #else
-  for (int i = 1; i < VIEWS; ++i)
-    for (int j = 0; j < i; ++j) {
 #if COST == 1
-      differences += seen[i] * seen[j] * abs(value[i] - value[j]);
+#define DIFFER(i, j) differences += seen[i] * seen[j] * abs(value[i] - value[j]);
 #else
-      differences += seen[i] * seen[j] * float(bitCount(code[i] ^ code[j])) / 8.0;
+#define DIFFER(i, j) differences += seen[i] * seen[j] * float(bitCount(code[i] ^ code[j])) / 8.0;
 #endif
-    }
+  EACH_PAIR(DIFFER)
   strength = squares / count;
   return -2.0 * differences / pairs;
 #endif
 }
 
-void costsOf(ivec2 texel, float z) {
+void main() {
+  ivec2 texel = ivec2(gl_FragCoord.xy);
+  float z = texelFetch(base_height, texel, 0).r + height_offset;
   castRays(gl_FragCoord.xy);
 #if COST == 3
   for (int k = 0; k < VIEWS; ++k)
@@ -142,17 +141,4 @@ void costsOf(ivec2 texel, float z) {
                 planeAgreement(z + 3.0 * plane_step), texture_strength);
   first *= HALF_FLOAT_SCALE;
   second *= HALF_FLOAT_SCALE;
-}
-
-void main() {
-  ivec2 texel = ivec2(gl_FragCoord.xy);
-  float base = texelFetch(base_height, texel, 0).r;
-#ifdef SKIP_BELOW
-  // A loop, because a software rasteriser runs both sides of an `if` for all pixels that it works on at once
-  // but leaves a loop that none of them enters.
-  first = second = vec4(0.0);
-  for (int run = base > SKIP_BELOW ? 0 : 1; run < 1; ++run) costsOf(texel, base + height_offset);
-#else
-  costsOf(texel, base + height_offset);
-#endif
 }

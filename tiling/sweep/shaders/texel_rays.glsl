@@ -1,7 +1,7 @@
 // The rays of a texel into the views: view k sees the texel's point at height z (metres above the grid's
 // reference height) at ray_origin[k] + z * ray_slope[k], homogeneous, in texture coordinates of the image.
-// EACH_VIEW(F) is F(0) F(1) ... F(VIEWS - 1): arrays over views are indexed by constants alone, so that they
-// live in registers.
+// EACH_VIEW(F) is F(0) F(1) ... F(VIEWS - 1), EACH_PAIR(F) is F(1, 0) F(2, 0) F(2, 1) ...: arrays over views
+// are indexed by constants alone, so that they live in registers.
 // The grid's position polynomials are in s, t = -1..1 over the cell (geo::TileFrame), ground already raised to
 // the reference height; grid_origin and grid_step give s, t of a texel.
 uniform vec2 grid_origin;

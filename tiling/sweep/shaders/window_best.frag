@@ -14,7 +14,8 @@ uniform float height_offset;
 layout(location = 0) out vec4 best_out;
 #endif
 
-void sumColumn(ivec2 texel) {
+void main() {
+  ivec2 texel = ivec2(gl_FragCoord.xy);
   int last = textureSize(first_in, 0).y - 1;
   vec4 a = vec4(0.0), b = vec4(0.0);
   for (int i = -RADIUS; i <= RADIUS; ++i) {
@@ -46,15 +47,5 @@ void sumColumn(ivec2 texel) {
   }
   best_out = vec4(texelFetch(base_height, texel, 0).r + height_offset + plane_step * (float(best - 3) + offset),
                   s[best] * normalise, float(best), 1.0 / normalise);
-#endif
-}
-
-void main() {
-  ivec2 texel = ivec2(gl_FragCoord.xy);
-#ifdef SKIP_BELOW
-  best_out = vec4(0.0);
-  for (int run = texelFetch(base_height, texel, 0).r > SKIP_BELOW ? 0 : 1; run < 1; ++run) sumColumn(texel);
-#else
-  sumColumn(texel);
 #endif
 }

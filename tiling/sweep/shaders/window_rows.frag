@@ -1,13 +1,11 @@
 // Horizontal half of the support window: mean over 2 R + 1 columns of all seven planes and the strength.
 uniform sampler2D first_in;
 uniform sampler2D second_in;
-#ifdef SKIP_BELOW
-uniform sampler2D base_height;  // texels below are left out, see plane_costs.frag
-#endif
 layout(location = 0) out vec4 first;
 layout(location = 1) out vec4 second;
 
-void sumRow(ivec2 texel) {
+void main() {
+  ivec2 texel = ivec2(gl_FragCoord.xy);
   int last = textureSize(first_in, 0).x - 1;
   vec4 a = vec4(0.0), b = vec4(0.0);
   for (int i = -RADIUS; i <= RADIUS; ++i) {
@@ -17,14 +15,4 @@ void sumRow(ivec2 texel) {
   }
   first = a / float(2 * RADIUS + 1);
   second = b / float(2 * RADIUS + 1);
-}
-
-void main() {
-  ivec2 texel = ivec2(gl_FragCoord.xy);
-#ifdef SKIP_BELOW
-  first = second = vec4(0.0);
-  for (int run = texelFetch(base_height, texel, 0).r > SKIP_BELOW ? 0 : 1; run < 1; ++run) sumRow(texel);
-#else
-  sumRow(texel);
-#endif
 }
