@@ -231,9 +231,7 @@ Result<int> draw(const Context& context, const Arguments& arguments) {
   if ((*sun)[1] <= 0 || (*sun)[1] > 90)
     return fail(ErrorCode::BadSettings, "--sun: the sun must stand above the horizon, at most at 90 degrees");
 
-  auto reader = tiling::MapReader::open(arguments.map);
-  if (!reader) return tl::unexpected(reader.error());
-  auto source = tiling::StoreTileSource::create(std::move(*reader));
+  auto source = tiling::StoreTileSource::open(arguments.map);
   if (!source) return tl::unexpected(source.error());
   auto gl = gl::Context::create();
   if (!gl) return tl::unexpected(gl.error());

@@ -57,10 +57,13 @@ void OnboardView::close() {
 Result<void> OnboardView::open(const std::filesystem::path& map) {
   if (scene_ && scene_->map == map) return {};
   close();
-  auto reader = tiling::MapReader::open(map);
-  if (!reader) return fail(ErrorCode::Unavailable, "the map has no tiles yet");
-  auto source = tiling::StoreTileSource::create(std::move(*reader));
-  if (!source) return tl::unexpected(source.error());
+  auto source = tiling::StoreTileSource::open(map);
+  if (!source) {
+    const ErrorCode code = source.error().code;
+    if (code == ErrorCode::NotFound || code == ErrorCode::BadInput)  // the file is still to be made
+      return fail(ErrorCode::Unavailable, "the map has no tiles yet");
+    return tl::unexpected(source.error());
+  }
   auto scene = std::make_unique<Scene>();
   scene->map = map;
   scene->source = std::move(*source);

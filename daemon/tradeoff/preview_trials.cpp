@@ -38,9 +38,7 @@ Result<std::unique_ptr<tiling::StoreTileSource>> sourceOf(const std::map<geo::Ti
     if (auto added = writer.add(tile); !added) return tl::unexpected(added.error());
   if (auto written = writer.flush(); !written) return tl::unexpected(written.error());
   if (auto made = tiling::makePyramid(*store); !made) return tl::unexpected(made.error());
-  auto reader = tiling::MapReader::open(file);
-  if (!reader) return tl::unexpected(reader.error());
-  return tiling::StoreTileSource::create(std::move(*reader));
+  return tiling::StoreTileSource::open(file);
 }
 
 // The middle of the map from the south, near enough that level 0 is what a pixel shows in the foreground.

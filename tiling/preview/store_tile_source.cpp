@@ -7,26 +7,31 @@
 
 namespace overfly::tiling {
 
-Result<std::unique_ptr<StoreTileSource>> StoreTileSource::create(MapReader reader) {
-  const auto meta = reader.meta();
+Result<std::unique_ptr<StoreTileSource>> StoreTileSource::open(const std::filesystem::path& map) {
+  auto tiles = MapReader::open(map);
+  if (!tiles) return tl::unexpected(tiles.error());
+  auto summary = MapReader::open(map);
+  if (!summary) return tl::unexpected(summary.error());
+  const auto meta = summary->meta();
   if (!meta) return tl::unexpected(meta.error());
   const auto lattice = geo::TileLattice::parse(meta->lattice);
   if (!lattice) return tl::unexpected(lattice.error());
-  return std::unique_ptr<StoreTileSource>(new StoreTileSource(std::move(reader), *meta, *lattice));
+  return std::unique_ptr<StoreTileSource>(
+      new StoreTileSource(std::move(*tiles), std::move(*summary), *lattice));
 }
 
 Result<preview::MapExtent> StoreTileSource::extent() {
-  const std::scoped_lock lock(mutex_);
-  const auto revision = reader_.revision();
+  const std::scoped_lock lock(summary_mutex_);
+  const auto revision = summary_.revision();
   if (!revision) return tl::unexpected(revision.error());
   if (extent_ && extent_->revision == *revision) return *extent_;
-  const auto bounds = reader_.bounds(Layer::Elevation);
+  const auto bounds = summary_.bounds(Layer::Elevation);
   if (!bounds) return tl::unexpected(bounds.error());
-  const auto zooms = reader_.zoomRange(Layer::Elevation);
+  const auto zooms = summary_.zoomRange(Layer::Elevation);
   if (!zooms) return tl::unexpected(zooms.error());
   preview::MapExtent extent;
   extent.lattice = lattice_;
-  extent.tile_size = reader_.tileSize();
+  extent.tile_size = summary_.tileSize();
   extent.finest_zoom = zooms->second;
   extent.min = {bounds->west, bounds->north};
   extent.max = {bounds->east, bounds->south};
@@ -36,17 +41,17 @@ Result<preview::MapExtent> StoreTileSource::extent() {
 }
 
 Result<preview::SourceTilePtr> StoreTileSource::load(const geo::TileKey& key) {
-  const std::scoped_lock lock(mutex_);
+  const std::scoped_lock lock(tiles_mutex_);
   const LayerSet wanted =
       only(Layer::Color) | only(Layer::Elevation) | only(Layer::ElevationMax) | only(Layer::Quality);
-  const auto whole = reader_.readWhole(key, wanted);
+  const auto whole = tiles_.readWhole(key, wanted);
   if (!whole) return tl::unexpected(whole.error());
-  auto tile = decodeTile(whole->info, whole->layers, reader_.tileSize());
+  auto tile = decodeTile(whole->info, whole->layers, tiles_.tileSize());
   if (!tile) return tl::unexpected(tile.error());
   auto out = std::make_shared<preview::SourceTile>();
   out->key = key;
   out->revision = whole->info.revision;
-  out->size = reader_.tileSize();
+  out->size = tiles_.tileSize();
   out->color = std::move(tile->color);
   out->elevation = std::move(tile->elevation);
   for (const StoredLayer& layer : whole->layers) {
@@ -60,13 +65,13 @@ Result<preview::SourceTilePtr> StoreTileSource::load(const geo::TileKey& key) {
 }
 
 Result<std::vector<geo::TileKey>> StoreTileSource::changes(std::uint64_t& since) {
-  const std::scoped_lock lock(mutex_);
+  const std::scoped_lock lock(tiles_mutex_);
   std::vector<geo::TileKey> keys;
   ChangeCursor cursor = ChangeCursor::after(since);
   ChangeFilter filter;
   filter.layers = only(Layer::Color) | only(Layer::Elevation);
   while (!cursor.done) {
-    const auto page = reader_.changes(cursor, filter, 1000);
+    const auto page = tiles_.changes(cursor, filter, 1000);
     if (!page) return tl::unexpected(page.error());
     for (const Change& change : page->changes)
       if (keys.empty() || keys.back() != change.key) keys.push_back(change.key);

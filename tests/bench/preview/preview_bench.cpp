@@ -14,7 +14,9 @@
 
 #include "render/preview/previewer.h"
 #include "tests/bench/preview/endless_map.h"
+#include "tests/bench/preview/live_flight.h"
 #include "tests/bench/preview/mesh_peer.h"
+#include "tests/bench/preview/quantile.h"
 #include "tests/unit/preview/photo_ring.h"
 
 namespace overfly::bench {
@@ -307,18 +309,6 @@ BENCHMARK(Lateral)
     ->Iterations(5)
     ->Unit(benchmark::kMillisecond);
 
-double threadMilliseconds() {
-  timespec now{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) * 1e-6;
-}
-
-double quantile(std::vector<double>& values, double share) {
-  std::sort(values.begin(), values.end());
-  return values.empty() ? 0
-                        : values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1))];
-}
-
 // DVT's setting: 3 ms for updates a frame, on a flight of 1.7 cm a frame over tiles that live 1 s and may be
 // drawn 1 s longer, read by a thread of their own. Of an update: wall time, and CPU time of the thread that
 // draws. "coarser": share of the frames with a coarser level in the picture's middle than at first.
@@ -362,7 +352,7 @@ void Uploads(benchmark::State& state) {
   state.counters["tiles_a_second"] = uploads / seconds;
   state.counters["coarser"] = coarser / count;
   state.counters["beyond_3_ms"] = over / count;
-  for (const auto& [name, share] : {std::pair{"50", 0.5}, {"95", 0.95}, {"99", 0.99}, {"100", 1.0}}) {
+  for (const auto& [name, share] : kShares) {
     state.counters[std::string("wall_ms_") + name] = quantile(wall, share);
     state.counters[std::string("cpu_ms_") + name] = quantile(cpu, share);
   }
