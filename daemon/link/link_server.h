@@ -32,9 +32,11 @@ struct Health {
 
 // A picture of the map from any view point (docs/preview.md).
 struct PreviewView {
+  static constexpr int kMostPhotos = 8;
   geo::Geodetic position;                  // radians; metres in the map's datum
   double heading = 0, pitch = 0, fov = 1;  // radians: from north towards east, above the horizon, across
   int width = 0, height = 0;               // pixels
+  int photos = 0;  // that colour steep sides, at most: 0 to kMostPhotos
 };
 struct PreviewPicture {
   int width = 0, height = 0;

@@ -3,6 +3,7 @@
 #include <chrono>
 #include <thread>
 
+#include "daemon/overflyd/onboard_photographs.h"
 #include "render/preview/previewer.h"
 #include "tiling/preview/store_tile_source.h"
 
@@ -21,6 +22,7 @@ struct OnboardView::Scene {
   std::filesystem::path map;
   std::unique_ptr<tiling::StoreTileSource> source;
   std::unique_ptr<preview::RamCache> ram;
+  std::unique_ptr<OnboardPhotographs> photographs;  // from the first view on that asks for some
   std::unique_ptr<preview::Previewer> previewer;
   std::uint64_t generation = 0;  // of the context that the previewer was made with
 };
@@ -79,6 +81,15 @@ Result<void> OnboardView::open(const std::filesystem::path& map) {
   return {};
 }
 
+// Once the ground's height is known.
+Result<void> OnboardView::openPhotographs() {
+  auto photographs = OnboardPhotographs::open(scene_->map, scene_->previewer->cache()->baseHeight());
+  if (!photographs) return tl::unexpected(photographs.error());
+  scene_->photographs = std::move(*photographs);
+  scene_->previewer->setProjectors(scene_->photographs.get());
+  return {};
+}
+
 Result<link::PreviewPicture> OnboardView::draw(const std::filesystem::path& map,
                                                const link::PreviewView& asked) {
   std::size_t gpu_bytes = 0;
@@ -96,7 +107,8 @@ Result<link::PreviewPicture> OnboardView::draw(const std::filesystem::path& map,
   view.fov = asked.fov;
   view.width = asked.width;
   view.height = asked.height;
-  const preview::Look look;
+  preview::Look look;
+  look.projectors = asked.photos;
   const preview::ClipCache::Budget budget{.time = kUploadTime, .aside = true};
   // On the GL thread: a previewer of this context.
   const auto ready = [&](gl::Context& context) {
@@ -104,9 +116,12 @@ Result<link::PreviewPicture> OnboardView::draw(const std::filesystem::path& map,
     scene_->previewer.reset();
     scene_->previewer = std::make_unique<preview::Previewer>(
         context, *scene_->ram, preview::Previewer::Options{.gpu_bytes = gpu_bytes});
+    scene_->previewer->setProjectors(scene_->photographs.get());
     scene_->generation = gl_.generation();
   };
-  // What the view calls for, a few tiles a slice; the RAM cache's own thread reads them meanwhile.
+  if (scene_->photographs) scene_->photographs->refresh();
+  // What the view calls for, a few tiles and a photograph a slice; the RAM cache's own thread reads the tiles
+  // meanwhile, this one the photographs.
   const auto until = std::chrono::steady_clock::now() + kPatience;
   for (int rounds = 0; std::chrono::steady_clock::now() < until; ++rounds) {
     const auto refined = gl_.submit(gl::Priority::Preview, "preview.refine",
@@ -116,8 +131,15 @@ Result<link::PreviewPicture> OnboardView::draw(const std::filesystem::path& map,
                                     })
                              .get();
     if (!refined) return tl::unexpected(refined.error());
-    if (rounds > 0 && scene_->previewer->cache()->ready() && refined->settled()) break;
-    if (refined->uploads == 0) std::this_thread::sleep_for(10ms);
+    const preview::Previewer& previewer = *scene_->previewer;  // the GPU thread rests
+    const bool ready_to_draw = previewer.cache()->ready();
+    if (ready_to_draw && asked.photos > 0 && !scene_->photographs) {
+      if (auto opened = openPhotographs(); !opened) return tl::unexpected(opened.error());
+      continue;
+    }
+    if (rounds > 0 && ready_to_draw && refined->settled() && previewer.projectorsLeft() == 0) break;
+    const bool read = asked.photos > 0 && scene_->photographs && scene_->photographs->readNext();
+    if (!read && refined->uploads == 0) std::this_thread::sleep_for(10ms);
   }
   auto frame = gl_.submit(gl::Priority::Preview, "preview.draw",
                           [&](gl::Context& context) -> Result<preview::Previewer::Frame> {

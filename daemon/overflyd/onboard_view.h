@@ -11,7 +11,8 @@ namespace overfly::daemon {
 
 // Pictures of a map from any view point, drawn on the mapping's own GPU thread within the previews' share of
 // it (preview.gpu_share). The tiles of the map that was asked for last stay in memory (preview.cache_mb, as
-// much again on the GPU). Thread-safe; one picture at a time.
+// much again on the GPU), and so do its photographs on the GPU, where some were asked for (34 MB).
+// Thread-safe; one picture at a time.
 class OnboardView {
  public:
   // The GL thread outlives it.
@@ -30,6 +31,7 @@ class OnboardView {
  private:
   struct Scene;
   [[nodiscard]] Result<void> open(const std::filesystem::path& map);
+  [[nodiscard]] Result<void> openPhotographs();
   void close();
 
   gl::GlThread& gl_;

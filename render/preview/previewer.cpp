@@ -63,8 +63,9 @@ Result<ClipCache::Update> Previewer::update(const View& view, const ClipCache::B
 }
 
 Result<void> Previewer::updateProjectors(const View& view, const Look& look, int loads) {
+  projectors_left_ = 0;
+  if (projector_source_ == nullptr) projectors_.reset();
   if (look.projectors <= 0 || projector_source_ == nullptr) {
-    projectors_.reset();
     caster_.project(nullptr);
     return {};
   }
@@ -86,7 +87,7 @@ Result<void> Previewer::updateProjectors(const View& view, const Look& look, int
   }
   const auto chosen = projector_source_->choose(query);
   if (!chosen) return tl::unexpected(chosen.error());
-  projectors_->update(*projector_source_, *chosen, loads);
+  projectors_left_ = projectors_->update(*projector_source_, *chosen, loads);
   caster_.project(&*projectors_);
   return {};
 }
@@ -94,7 +95,10 @@ Result<void> Previewer::updateProjectors(const View& view, const Look& look, int
 Result<ClipCache::Update> Previewer::refine(const View& view, const Look& look,
                                             const ClipCache::Budget& budget) {
   if (auto prepared = prepare(look); !prepared) return tl::unexpected(prepared.error());
-  return update(view, budget);
+  const auto updated = update(view, budget);
+  if (!updated || !cache_->ready()) return updated;
+  if (auto ready = updateProjectors(view, look, 1); !ready) return tl::unexpected(ready.error());
+  return updated;
 }
 
 Result<Previewer::Frame> Previewer::draw(const View& view, const Look& look, const ClipCache::Budget& budget,
@@ -103,10 +107,9 @@ Result<Previewer::Frame> Previewer::draw(const View& view, const Look& look, con
   if (!updated) return tl::unexpected(updated.error());
   if (!cache_->ready())
     return fail(ErrorCode::Unavailable, "the map's tiles are still being read; ask again");
-  if (auto ready = updateProjectors(view, look, 1); !ready) return tl::unexpected(ready.error());
   auto picture = caster_.draw(view, *frame_, look, *cache_, *textures_, hits);
   if (!picture) return tl::unexpected(picture.error());
-  return Frame{std::move(*picture), *updated, 1, projectors_ ? projectors_->count() : 0};
+  return Frame{std::move(*picture), *updated, 1, shownProjectors(look)};
 }
 
 Result<Previewer::Frame> Previewer::drawSettled(const View& view, const Look& look, bool hits) {
@@ -129,7 +132,11 @@ Result<Previewer::Frame> Previewer::drawSettled(const View& view, const Look& lo
     return tl::unexpected(ready.error());
   auto picture = caster_.draw(view, *frame_, look, *cache_, *textures_, hits);
   if (!picture) return tl::unexpected(picture.error());
-  return Frame{std::move(*picture), *updated, rounds, projectors_ ? projectors_->count() : 0};
+  return Frame{std::move(*picture), *updated, rounds, shownProjectors(look)};
+}
+
+int Previewer::shownProjectors(const Look& look) const {
+  return projectors_ && look.projectors > 0 ? projectors_->count() : 0;
 }
 
 geo::Geodetic Previewer::placeOf(const RayHit& hit) const {

@@ -39,7 +39,7 @@ class ProjectorSource {
   // At most `count` photographs that suit a view, nearest to it first; without those whose picture could not
   // be had before.
   [[nodiscard]] virtual Result<std::vector<Projector>> choose(const ProjectorQuery& query) = 0;
-  // The picture of one of them, brought to this many pixels.
+  // The picture of one of them, brought to this many pixels. Unavailable: it is being read; ask again.
   [[nodiscard]] virtual Result<ProjectorImage> load(std::uint64_t id, int width, int height) = 0;
 };
 

@@ -51,15 +51,22 @@ int ProjectorTextures::update(ProjectorSource& source, std::span<const Projector
   int left = 0;
   bool changed = false;
   for (const Projector* projector : missing) {
-    if (loads-- <= 0) {
+    if (loads <= 0) {
       ++left;
       continue;
     }
     auto image = source.load(projector->id, images_.width(), images_.height());
+    if (!image && image.error().code == ErrorCode::Unavailable) {
+      ++left;
+      continue;
+    }
+    --loads;
     if (!image) continue;
-    // Of as many places as there may be photographs one that is not shown is left.
-    const auto place =
-        std::find_if(slots_.begin(), slots_.end(), [](const auto& slot) { return !slot || !slot->shown; });
+    // Of as many places as there may be photographs one that is not shown is left. Empty ones first: what two
+    // views show in turn stays.
+    auto place = std::find_if(slots_.begin(), slots_.end(), [](const auto& slot) { return !slot; });
+    if (place == slots_.end())
+      place = std::find_if(slots_.begin(), slots_.end(), [](const auto& slot) { return !slot->shown; });
     const std::vector<std::uint8_t> texels = premultiplied(std::move(image->rgba));
     images_.upload(std::span<const std::uint8_t>(texels), 0, static_cast<int>(place - slots_.begin()));
     *place = Slot{*projector, image->pinhole, true};

@@ -23,8 +23,8 @@ class ProjectorTextures {
   [[nodiscard]] static Result<ProjectorTextures> create(gl::Context& context, const Options& options);
 
   // Makes `chosen` (kMost at most) the photographs that are shown, as far as they are there: those that were
-  // shown before stay in place, at most `loads` others are loaded. Returns how many are still to be loaded.
-  // One whose picture cannot be had is left out.
+  // shown before stay in place, at most `loads` others are loaded. Returns how many are still to be loaded,
+  // or to be read by the source. One whose picture cannot be had is left out.
   int update(ProjectorSource& source, std::span<const Projector> chosen, int loads);
 
   [[nodiscard]] int count() const;

@@ -50,8 +50,12 @@ Result<PreviewView> previewViewOf(const std::map<std::string, std::string>& quer
   view.width = static_cast<int>(number("w", std::min(640, limits.max_width), kLeastSide, limits.max_width));
   view.height =
       static_cast<int>(number("h", std::min(360, limits.max_height), kLeastSide, limits.max_height));
+  const double photos = number("photos", 0, 0, PreviewView::kMostPhotos);
+  if (problem.empty() && photos != std::floor(photos)) problem = "photos has to be a whole number";
+  view.photos = problem.empty() ? static_cast<int>(photos) : 0;
   if (!problem.empty())
-    return fail(ErrorCode::BadInput, problem + ": /preview.jpg?lat=&lon=&height=&heading=&pitch=&fov=&w=&h=");
+    return fail(ErrorCode::BadInput,
+                problem + ": /preview.jpg?lat=&lon=&height=&heading=&pitch=&fov=&w=&h=&photos=");
   return view;
 }
 

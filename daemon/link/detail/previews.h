@@ -14,8 +14,8 @@
 
 namespace overfly::link {
 
-// lat, lon, heading, pitch, fov in degrees, height in metres, w and h in pixels. BadInput, with one sentence:
-// something is missing, out of its range, or larger than the limits.
+// lat, lon, heading, pitch, fov in degrees, height in metres, w and h in pixels, photos a number of them.
+// BadInput, with one sentence: something is missing, out of its range, or larger than the limits.
 [[nodiscard]] Result<PreviewView> previewViewOf(const std::map<std::string, std::string>& query,
                                                 const PreviewLimits& limits);
 

@@ -13,6 +13,7 @@
 #include <random>
 #include <thread>
 
+#include "capture/image_decode.h"
 #include "capture/record/flight.h"
 #include "tests/integration/daemon/daemon_process.h"
 #include "tests/integration/link/client.h"
@@ -78,12 +79,69 @@ void expectPreviews(const DaemonProcess& daemon) {
        (found = stream.body.find("Content-Type: image/jpeg", found)) != std::string::npos; ++found)
     ++pictures;
   EXPECT_GT(pictures, 1u);
-  for (const char* wrong : {"?lat=1&lon=2", "?lat=1&lon=2&height=x", "?lat=91&lon=2&height=3",
-                            "?lat=1&lon=2&height=3&w=100000", "?lat=1&lon=2&height=3&fov=0"}) {
+  for (const char* wrong :
+       {"?lat=1&lon=2", "?lat=1&lon=2&height=x", "?lat=91&lon=2&height=3", "?lat=1&lon=2&height=3&w=100000",
+        "?lat=1&lon=2&height=3&fov=0", "?lat=1&lon=2&height=3&photos=9", "?lat=1&lon=2&height=3&photos=-1",
+        "?lat=1&lon=2&height=3&photos=1.5", "?lat=1&lon=2&height=3&photos=all"}) {
     const auto refused = fetch(daemon.url() + "/preview.jpg" + wrong);
     EXPECT_EQ(refused.status, 400) << wrong;
     EXPECT_THAT(refused.body, HasSubstr("/preview.jpg?lat="));
   }
+}
+
+// Photographs on steep sides: the picture drawn on board is the command's with as many of them, not the one
+// without.
+void expectPhotographs(const DaemonProcess& daemon, const fs::path& map) {
+  const auto layers = nlohmann::json::parse(fetch(daemon.url() + "/tiles.json").body)["layers"];
+  const double lon = layers[1]["center"][0], lat = layers[1]["center"][1];
+  const double top = layers[1]["height_range"][1];
+  const auto pixels = [](const std::string& jpeg) {
+    capture::Image image;
+    image.bytes = {jpeg.begin(), jpeg.end()};
+    image.width = 320;
+    image.height = 240;
+    return capture::decodeImageWords(image).value().rgbx;
+  };
+  const auto onBoard = [&](int photos) {
+    const auto url =
+        fmt::format("{}/preview.jpg?lat={:.8f}&lon={:.8f}&height={:.2f}&pitch=-55&w=320&h=240&photos={}",
+                    daemon.url(), lat, lon, top + 10, photos);
+    Answer answer;
+    for (int i = 0; i < 100; ++i) {  // 503: another picture a moment ago
+      answer = fetch(url, {}, "GET", {}, 60000);
+      if (answer.status != 503) break;
+      std::this_thread::sleep_for(150ms);
+    }
+    EXPECT_EQ(answer.status, 200) << answer.body;
+    return pixels(answer.body);
+  };
+  const auto byCommand = [&](int photos) {
+    const fs::path file = daemon.folder() / "picture.jpg";
+    const auto drawn = shell(fmt::format(
+        "'{}' preview '{}' --from {:.8f},{:.8f},{:.2f} --look 0,-55 --size 320x240 --photos {} -o '{}'",
+        OVERFLY, map.string(), lat, lon, top + 10, photos, file.string()));
+    EXPECT_EQ(drawn.status, 0) << drawn.output;
+    std::ifstream in(file, std::ios::binary);
+    return pixels({std::istreambuf_iterator<char>(in), {}});
+  };
+  const auto plain = byCommand(0), with = byCommand(4), board_plain = onBoard(0), board_with = onBoard(4),
+             board_after = onBoard(0);
+  std::size_t coloured = 0;
+  double of_plain = 0, of_with = 0, with_of_plain = 0, after = 0;
+  for (std::size_t i = 0; i < plain.size(); ++i) {
+    if (i % 4 == 3 || std::abs(plain[i] - with[i]) < 40) continue;
+    ++coloured;
+    of_plain += std::abs(board_plain[i] - plain[i]);
+    of_with += std::abs(board_with[i] - with[i]);
+    with_of_plain += std::abs(board_with[i] - plain[i]);
+    after += std::abs(board_after[i] - plain[i]);
+  }
+  std::printf("photographs change %.3f of the picture\n",
+              static_cast<double>(coloured) / (0.75 * static_cast<double>(plain.size())));
+  ASSERT_GT(coloured, plain.size() / 100);
+  EXPECT_LT(of_with, 0.3 * with_of_plain);
+  EXPECT_LT(of_plain, 0.3 * with_of_plain);
+  EXPECT_LT(after, 0.3 * with_of_plain);
 }
 
 TEST_F(Daemon, MapsAFlightAndServesItsTiles) {
@@ -117,6 +175,7 @@ TEST_F(Daemon, MapsAFlightAndServesItsTiles) {
   EXPECT_EQ(tile.status, 200);
   EXPECT_THAT(tile.body, ::testing::StartsWith("\x89PNG"));
   expectPreviews(daemon);
+  expectPhotographs(daemon, mission / "map.overfly");
   daemon.send(SIGTERM);
   EXPECT_EQ(daemon.wait(60s), 0);
 }
