@@ -5,7 +5,7 @@
 #include <cstdlib>
 #include <stdexcept>
 
-#include "capture/geo/similarity.h"
+#include "tests/accuracy/adjust/against_reference.h"
 #include "tests/accuracy/adjust/recorded.h"
 #include "tests/accuracy/adjust/retriangulated.h"
 #include "tiling/adjust/adjuster.h"
@@ -75,31 +75,14 @@ inline Outcome run(const RecordedFlight& flight, const capture::CameraModel& cam
                  57.3 * std::sqrt(a.pose.covariance(3, 3)), 57.3 * std::sqrt(a.pose.covariance(4, 4)),
                  57.3 * std::sqrt(a.pose.covariance(5, 5)));
   }
-  const auto compare = [&](const std::vector<Eigen::Vector3d>& p, const std::vector<Eigen::Quaterniond>& q,
-                           double& position, double& worst, double& rotation) {
-    const geo::Similarity s = geo::similarityBetween(p, wanted);
-    double p2 = 0, r2 = 0;
-    for (std::size_t i = 0; i < p.size(); ++i) {
-      const double d = (s(p[i]) - wanted[i]).norm();
-      p2 += d * d;
-      worst = std::max(worst, d);
-      r2 += std::pow(wanted_q[i].angularDistance(Eigen::Quaterniond(s.turn) * q[i]) * 57.29578, 2);
-    }
-    position = std::sqrt(p2 / static_cast<double>(p.size()));
-    rotation = std::sqrt(r2 / static_cast<double>(p.size()));
-    if (verbose)
-      for (std::size_t i = 0; i < p.size(); ++i) {
-        const Eigen::Vector3d d = s(p[i]) - wanted[i];
-        const Eigen::Vector3d r =
-            57.29578 * rotationVector(Eigen::Quaterniond(s.turn) * q[i] * wanted_q[i].conjugate());
-        fmt::print("  {} off by {:.3f} {:.3f} {:.3f} m, {:.3f} {:.3f} {:.3f} deg\n", i, d.x(), d.y(), d.z(),
-                   r.x(), r.y(), r.z());
-      }
-    return s;
-  };
-  double ignored = 0;
-  compare(raw, raw_q, out.raw_position_rms_m, ignored, out.raw_rotation_rms_deg);
-  out.similarity = compare(got, got_q, out.position_rms_m, out.worst_position_m, out.rotation_rms_deg);
+  const auto telemetry = tests::againstReference(raw, raw_q, wanted, wanted_q, verbose);
+  out.raw_position_rms_m = telemetry.position_rms_m;
+  out.raw_rotation_rms_deg = telemetry.rotation_rms_deg;
+  const auto poses = tests::againstReference(got, got_q, wanted, wanted_q, verbose);
+  out.position_rms_m = poses.position_rms_m;
+  out.worst_position_m = poses.worst_position_m;
+  out.rotation_rms_deg = poses.rotation_rms_deg;
+  out.similarity = poses.similarity;
   out.ground = tests::retriangulate(flight, adjuster.camera(), views);
   const auto& s = out.summary;
   fmt::print("{} of {} frames, {} points, {} observations, rms {:.3f} px; live {:.2f} s, total {:.2f} s\n",
