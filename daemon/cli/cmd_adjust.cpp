@@ -70,6 +70,7 @@ nlohmann::json asJson(const FlightAdjustment& result, const capture::Flight& fli
                           {"delay_sigma_s", s.sigmas.delay_s},
                           {"noise_horizontal_m", s.noise_horizontal_m},
                           {"noise_vertical_m", s.noise_vertical_m},
+                          {"dome_sigma_m", s.dome.sigma_m},
                           {"noise_tilt_deg", geo::degrees(s.noise_tilt)},
                           {"noise_heading_deg", geo::degrees(s.noise_heading)}};
     for (int i = 0; i < 3; ++i) {
@@ -107,6 +108,8 @@ void print(const FlightAdjustment& result, const capture::Flight& flight) {
         "{:.2f} deg heading\n",
         s.shared.delay_s, s.sigmas.delay_s, s.noise_horizontal_m, s.noise_vertical_m,
         geo::degrees(s.noise_tilt), geo::degrees(s.noise_heading));
+    if (s.dome.sigma_m > 0)
+      fmt::print("  ground: its bend (a dome) is known to +- {:.3f} m\n", s.dome.sigma_m);
     for (const auto& point : c.control) {
       if (point.residual_m)
         fmt::print("  {} {}: {:+.3f} {:+.3f} {:+.3f} m (east, north, up)\n",

@@ -29,6 +29,14 @@ struct Row {
   std::size_t frames = 0;
   double map_s = 0, adjust_s = 0;
   tiling::AlignedComparison result;
+  static_assert(tiling::AlignedComparison::kDomeUnit == tiling::adjust::DomeUncertainty::kUnit);
+  // What the adjustment states of the bend that its poses leave in the ground; zero where it was not
+  // adjusted.
+  tiling::adjust::DomeUncertainty stated;
+  [[nodiscard]] double cornerSigma() const {  // metres
+    return std::sqrt(result.corner_form.dot(stated.covariance * result.corner_form));
+  }
+  [[nodiscard]] double rmsSigma() const { return std::sqrt((result.rms_form * stated.covariance).trace()); }
 };
 
 // The flight with the poses that a device's own words amount to, taken as they are.
@@ -109,6 +117,10 @@ nlohmann::json asJson(const Row& row, double gsd_m) {
                  {"beyond_5", s->beyond_5}, {"beyond_10_gsd", s->beyond_10}};
   out["dome_corner_gsd"] = c.dome_corner;
   out["dome_rms_gsd"] = c.dome_rms;
+  if (row.stated.sigma_m > 0) {
+    out["dome_corner_sigma_gsd"] = row.cornerSigma() / gsd_m;
+    out["dome_rms_sigma_gsd"] = row.rmsSigma() / gsd_m;
+  }
   out["scale"] = c.map_from_reference.scale;
   out["turn_deg"] = geo::degrees(Eigen::AngleAxisd(c.map_from_reference.turn).angle());
   out["shift_m"] = c.map_from_reference.shift.norm();
@@ -144,6 +156,10 @@ void print(const std::vector<Row>& rows, double gsd_m) {
           "\nadjusted against reference: NMAD {:.2f} times, complete {:+.2f} points; adjustment {:.1f} s\n",
           row.result.strong.nmad / reference->result.strong.nmad,
           100 * (row.result.strong.complete - reference->result.strong.complete), row.adjust_s);
+  for (const Row& row : rows)
+    if (row.stated.sigma_m > 0 && row.problem.empty())
+      fmt::print("stated by the adjustment (1 sigma): dome corner {:.2f}, dome RMS {:.3f}\n",
+                 row.cornerSigma() / gsd_m, row.rmsSigma() / gsd_m);
 }
 
 Result<int> compare(const Arguments& arguments, const Context& context) {
@@ -185,10 +201,12 @@ Result<int> compare(const Arguments& arguments, const Context& context) {
     const auto adjusted = tiling::adjust::adjustFlight(*recorded, options);
     rows[1].adjust_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     progress.finish();
-    if (adjusted)
-      mapAndCompare(*gl_context, mapping, adjusted->flight, *reference, *points, gsd_m, rows[1]);
-    else
+    if (!adjusted) {
       rows[1].problem = adjusted.error().message;
+    } else {
+      if (adjusted->cameras.size() == 1) rows[1].stated = adjusted->cameras.front().summary.dome;
+      mapAndCompare(*gl_context, mapping, adjusted->flight, *reference, *points, gsd_m, rows[1]);
+    }
   }
   rows[2].poses = "recorded";
   mapAndCompare(*gl_context, mapping, withTelemetry(*recorded), *reference, *points, gsd_m, rows[2]);

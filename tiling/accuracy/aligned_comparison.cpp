@@ -118,9 +118,8 @@ void fitDome(const std::vector<Eigen::Vector2d>& places, const std::vector<doubl
     high = high.cwiseMax(p);
   }
   const Eigen::Vector2d centre = 0.5 * (low + high);
-  constexpr double kUnit = 100;  // metres: keeps the equations well scaled
   const auto row = [&](const Eigen::Vector2d& p) {
-    const Eigen::Vector2d u = (p - centre) / kUnit;
+    const Eigen::Vector2d u = (p - centre) / AlignedComparison::kDomeUnit;
     Vector6 v;
     v << 1, u.x(), u.y(), u.x() * u.x(), u.x() * u.y(), u.y() * u.y();
     return v;
@@ -141,22 +140,27 @@ void fitDome(const std::vector<Eigen::Vector2d>& places, const std::vector<doubl
     fit = normal.ldlt().solve(right);
   }
   out.dome = fit.tail<3>();
-  // The quadratic part less the plane that fits it best over the points.
-  const auto quadratic = [&](const Eigen::Vector2d& p) { return row(p).tail<3>().dot(out.dome); };
-  Eigen::MatrixX3d planes(places.size(), 3);
-  Eigen::VectorXd values(places.size());
+  // x^2, xy, y^2 less the plane that fits each best over the points.
+  Eigen::MatrixX3d planes(places.size(), 3), squares(places.size(), 3);
   for (std::size_t i = 0; i < places.size(); ++i) {
     planes.row(static_cast<Eigen::Index>(i)) = row(places[i]).head<3>().transpose();
-    values[static_cast<Eigen::Index>(i)] = quadratic(places[i]);
+    squares.row(static_cast<Eigen::Index>(i)) = row(places[i]).tail<3>().transpose();
   }
-  const Eigen::Vector3d plane = planes.colPivHouseholderQr().solve(values);
-  const auto dome = [&](const Eigen::Vector2d& p) { return quadratic(p) - row(p).head<3>().dot(plane); };
+  const Eigen::Matrix3d plane = planes.colPivHouseholderQr().solve(squares);
+  const auto form = [&](const Eigen::Vector2d& p) -> Eigen::Vector3d {
+    return row(p).tail<3>() - plane.transpose() * row(p).head<3>();
+  };
   for (const Eigen::Vector2d& corner :
-       {low, high, Eigen::Vector2d(low.x(), high.y()), Eigen::Vector2d(high.x(), low.y())})
-    out.dome_corner = std::max(out.dome_corner, std::abs(dome(corner)));
-  double squares = 0;
-  for (const Eigen::Vector2d& p : places) squares += dome(p) * dome(p);
-  out.dome_rms = std::sqrt(squares / static_cast<double>(places.size()));
+       {low, high, Eigen::Vector2d(low.x(), high.y()), Eigen::Vector2d(high.x(), low.y())}) {
+    const Eigen::Vector3d here = form(corner);
+    if (out.corner_form.isZero() || std::abs(here.dot(out.dome)) > out.dome_corner) {
+      out.dome_corner = std::abs(here.dot(out.dome));
+      out.corner_form = here;
+    }
+  }
+  for (const Eigen::Vector2d& p : places)
+    out.rms_form += form(p) * form(p).transpose() / static_cast<double>(places.size());
+  out.dome_rms = std::sqrt(out.dome.dot(out.rms_form * out.dome));
 }
 
 }  // namespace

@@ -19,7 +19,12 @@ struct AlignedComparison {
   // less the plane that fits it best. Largest at the corners of the points' bounding box, and its RMS over
   // the points; GSD.
   double dome_corner = 0, dome_rms = 0;
-  Eigen::Vector3d dome = Eigen::Vector3d::Zero();  // of x^2, xy, y^2: GSD per (100 m)^2, x east, y north
+  static constexpr double kDomeUnit = 100;         // metres
+  Eigen::Vector3d dome = Eigen::Vector3d::Zero();  // of x^2, xy, y^2: GSD per kDomeUnit^2, x east, y north
+  // Of x^2, xy, y^2 less their plane, in kDomeUnit^2: at the corner of dome_corner, and the mean of their
+  // outer product over the points. With them a covariance of `dome` is one of dome_corner and dome_rms.
+  Eigen::Vector3d corner_form = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d rms_form = Eigen::Matrix3d::Zero();
 };
 
 // `start`: map_from_reference to begin from, as between camera centres. Heights fit level and height freely;

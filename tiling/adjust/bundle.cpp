@@ -3,12 +3,11 @@
 #include <ceres/ceres.h>
 
 #include <Eigen/Cholesky>
-#include <Eigen/SparseCholesky>
-#include <Eigen/SparseCore>
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 
+#include "tiling/adjust/detail/reduced_normal.h"
 #include "tiling/adjust/detail/residuals.h"
 
 namespace overfly::tiling::adjust {
@@ -67,93 +66,6 @@ class BreakOff : public ceres::IterationCallback {
 
  private:
   std::stop_token stop_;
-};
-
-// Inverse of the normal equations after the points are eliminated (Schur complement), for the parameter
-// blocks in `kept`, whose tangent sizes sum to the result's size. Points that the rest does not determine
-// get a vanishing weight instead of an infinite variance.
-class ReducedNormal {
- public:
-  ReducedNormal(ceres::Problem& problem, const std::vector<double*>& kept, const std::vector<double*>& points,
-                int threads) {
-    ceres::Problem::EvaluateOptions evaluate;
-    evaluate.parameter_blocks = kept;
-    evaluate.parameter_blocks.insert(evaluate.parameter_blocks.end(), points.begin(), points.end());
-    evaluate.num_threads = threads;
-    ceres::CRSMatrix jacobian;
-    problem.Evaluate(evaluate, nullptr, nullptr, nullptr, &jacobian);
-    int kept_size = 0;
-    for (const double* block : kept) kept_size += problem.ParameterBlockTangentSize(block);
-    build(jacobian, kept_size, static_cast<int>(points.size()));
-  }
-
-  // Columns [first, first + n) of the inverse, rows the same.
-  [[nodiscard]] Eigen::MatrixXd inverseBlock(int first, int n) const {
-    if (n == 0 || factor_.info() != Eigen::Success) return Eigen::MatrixXd::Zero(n, n);
-    Eigen::MatrixXd unit = Eigen::MatrixXd::Zero(size_, n);
-    unit.block(first, 0, n, n).setIdentity();
-    return factor_.solve(unit).middleRows(first, n);
-  }
-  [[nodiscard]] bool good() const { return factor_.info() == Eigen::Success; }
-
- private:
-  // One pass over the rows, which come in residual blocks: a row's point columns are at most one triple.
-  void build(const ceres::CRSMatrix& j, int kept_size, int point_count) {
-    size_ = kept_size;
-    struct PointPart {
-      Eigen::Matrix3d v = Eigen::Matrix3d::Zero();
-      std::vector<std::pair<int, Eigen::Vector3d>> w;  // column, coupling
-    };
-    std::vector<PointPart> points(static_cast<std::size_t>(point_count));
-    std::vector<Eigen::Triplet<double>> entries;
-    for (int row = 0; row < j.num_rows; ++row) {
-      const auto begin = static_cast<std::size_t>(j.rows[static_cast<std::size_t>(row)]);
-      const auto end = static_cast<std::size_t>(j.rows[static_cast<std::size_t>(row) + 1]);
-      Eigen::Vector3d p = Eigen::Vector3d::Zero();
-      int point = -1;
-      for (auto i = begin; i < end; ++i) {
-        if (j.cols[i] < kept_size) continue;
-        point = (j.cols[i] - kept_size) / 3;
-        p[(j.cols[i] - kept_size) % 3] = j.values[i];
-      }
-      if (point >= 0) points[static_cast<std::size_t>(point)].v += p * p.transpose();
-      for (auto a = begin; a < end; ++a) {
-        if (j.cols[a] >= kept_size || j.values[a] == 0) continue;
-        if (point >= 0) points[static_cast<std::size_t>(point)].w.emplace_back(j.cols[a], p * j.values[a]);
-        for (auto b = begin; b < end; ++b)
-          if (j.cols[b] <= j.cols[a]) entries.emplace_back(j.cols[a], j.cols[b], j.values[a] * j.values[b]);
-      }
-    }
-    // Points: S -= W V^-1 W^T, over each point's own few columns.
-    std::vector<Eigen::Vector3d> dense;
-    std::vector<int> columns;
-    for (auto& part : points) {
-      std::sort(part.w.begin(), part.w.end(), [](const auto& x, const auto& y) { return x.first < y.first; });
-      columns.clear();
-      dense.clear();
-      for (const auto& [column, w] : part.w) {
-        if (!columns.empty() && columns.back() == column)
-          dense.back() += w;
-        else {
-          columns.push_back(column);
-          dense.push_back(w);
-        }
-      }
-      const Eigen::Matrix3d damped = part.v + Eigen::Matrix3d::Identity() * (1e-12 * part.v.trace() + 1e-12);
-      const Eigen::Matrix3d inverse = damped.inverse();
-      for (std::size_t a = 0; a < columns.size(); ++a) {
-        const Eigen::Vector3d wv = inverse * dense[a];
-        for (std::size_t b = 0; b <= a; ++b) entries.emplace_back(columns[a], columns[b], -wv.dot(dense[b]));
-      }
-      part = {};
-    }
-    Eigen::SparseMatrix<double> reduced(size_, size_);
-    reduced.setFromTriplets(entries.begin(), entries.end());
-    factor_.compute(reduced);
-  }
-
-  int size_ = 0;
-  Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>, Eigen::Lower> factor_;
 };
 
 }  // namespace
@@ -352,7 +264,12 @@ SolveReport solve(Bundle& bundle, const SolveOptions& options) {
       kept.push_back(block);
       column += ranges.back().size;
     }
-    const ReducedNormal normal(problem, kept, point_blocks, options.threads);
+    std::vector<int> measured;  // how often each of the points was
+    for (const int n : seen)
+      if (n > 0) measured.push_back(n);
+    const detail::QuadraticHeights dome =
+        options.dome ? detail::quadraticHeights(point_blocks, measured) : detail::QuadraticHeights{};
+    const detail::ReducedNormal normal(problem, kept, point_blocks, dome.weights, options.threads);
     report.usable = normal.good();
     if (!normal.good()) report.message = "the normal equations are singular";
     const double scale = std::max(1.0, report.sigma0 * report.sigma0);
@@ -381,6 +298,10 @@ SolveReport solve(Bundle& bundle, const SolveOptions& options) {
     fill(ranges[3], sigmas.offset_m, s.offset_m);
     fill(ranges[4], Eigen::Matrix<double, 1, 1>(sigmas.delay_s), delay_sigma);
     s.delay_s = delay_sigma[0];
+    if (dome.weights.rows() > 0) {
+      report.dome.covariance = normal.heightsCovariance() * scale;
+      report.dome.sigma_m = std::sqrt((dome.spread * report.dome.covariance).trace());
+    }
   }
   report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return report;

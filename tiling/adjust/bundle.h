@@ -103,6 +103,18 @@ struct SolveOptions {
   std::stop_token stop;     // breaks off between iterations; the report is then not usable
   bool free_shared = true;  // false: lens, boresight, lever arm, offset and delay stay
   bool covariance = false;  // fill SolveReport's covariances (costs about as much as a solve)
+  bool dome = false;        // with them SolveReport::dome
+};
+
+// How little the adjustment knows of a bend of the whole ground: of the quadratic surface that fits the
+// points' heights best, which no shift, turn or scale takes away. All unknowns of poses, lens and points are
+// in it.
+struct DomeUncertainty {
+  static constexpr double kUnit = 100;  // metres
+  // Of its coefficients of x^2, xy, y^2: metres per kUnit^2, x east, y north.
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  double sigma_m =
+      0;  // 1 sigma of the surface less its plane: root mean square over the points; 0: not known
 };
 
 struct SolveReport {
@@ -115,6 +127,7 @@ struct SolveReport {
   // 6x6 per frame: ENU position, then rotation vector on the ENU side; scaled by sigma0. Fixed frames: zero.
   std::vector<Eigen::Matrix<double, 6, 6>> frame_covariances;
   SharedSigmas shared_sigmas;  // of the adjusted values; zero where held
+  DomeUncertainty dome;
 };
 
 // Adjusts `bundle` in place. Deterministic for threads = 1.

@@ -444,6 +444,7 @@ PoseMap::Summary PoseMap::summary() const {
     s.noise_heading = sigma[5] * noise_.heading;
   }
   s.ground_height_m = median(std::move(heights));
+  s.dome = dome_;
   return s;
 }
 

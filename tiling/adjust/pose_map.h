@@ -115,6 +115,7 @@ class PoseMap {
     // Noise of the telemetry from frame to frame as estimated: metres, radians.
     double noise_horizontal_m = 0, noise_vertical_m = 0, noise_tilt = 0, noise_heading = 0;
     double ground_height_m = 0;  // median height of the points, ENU
+    DomeUncertainty dome;        // after adjustAll()
   };
   [[nodiscard]] Summary summary() const;
   [[nodiscard]] double rmsPx() const { return rms_px_; }  // Summary::rms_px alone, at no cost
@@ -250,6 +251,7 @@ class PoseMap {
   std::set<FrameId> to_revise_;
   int arrivals_ = 0, located_count_ = 0, next_regional_ = 6, components_ = 0;
   double rms_px_ = 0;
+  DomeUncertainty dome_;
   double delay_sigma_ = 0;  // of the delay's prior, once the track's shape was looked at
   std::vector<Control> control_;
 };

@@ -209,12 +209,14 @@ void PoseMap::adjustRegion(const std::vector<FrameId>& free, int observations, i
     solving.stop = options_.stop;
     solving.max_iterations = all ? 40 : 15;
     solving.covariance = round + 1 == rounds;
+    solving.dome = all;
     const SolveReport solved = solve(bundle, solving);
     if (!solved.usable) return;
     takeBack(bundle, moved, tracks);
     rms_px_ = solved.rms_px;
     if (solving.covariance) {
       sigmas_ = solved.shared_sigmas;
+      dome_ = solved.dome;
       const bool offset_free = bundle.prior_sigmas.offset_m.maxCoeff() > 0;
       if (!offset_free) sigmas_.offset_m = prior_sigmas_.offset_m;
       for (std::size_t i = 0; i < free.size(); ++i) {

@@ -109,8 +109,9 @@ inline Outcome run(const RecordedFlight& flight, const capture::CameraModel& cam
       got.empty() ? 0 : (out.similarity(got[0]) - got[0]).norm());
   fmt::print(
       "the ground by {} points of the reference: they contradict it by {:.3f} px; heights after a similarity "
-      "rms {:.4f} m, of it a dome of {:.4f} m\n",
-      out.ground.points, out.ground.residual_px, out.ground.height_rms_m, out.ground.dome_rms_m);
+      "rms {:.4f} m, of it a dome of {:.4f} m (stated: +- {:.4f} m)\n",
+      out.ground.points, out.ground.residual_px, out.ground.height_rms_m, out.ground.dome_rms_m,
+      s.dome.sigma_m);
   return out;
 }
 

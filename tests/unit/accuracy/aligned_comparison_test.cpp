@@ -92,6 +92,9 @@ TEST(AlignedComparison, ADomeStaysAndIsStated) {
   EXPECT_NEAR(c.dome_corner, corner_gsd, 0.25 * corner_gsd);
   EXPECT_GT(c.dome[0], 0);
   EXPECT_GT(c.dome[2], 0);
+  EXPECT_NEAR(std::abs(c.corner_form.dot(c.dome)), c.dome_corner, 1e-9);
+  EXPECT_NEAR(c.rms_form.cwiseProduct(c.dome * c.dome.transpose()).sum(), c.dome_rms * c.dome_rms, 1e-9);
+  EXPECT_LT(c.dome_rms, 0.6 * c.dome_corner);
   EXPECT_GT(c.all.nmad, 0.5);
 }
 
