@@ -26,14 +26,15 @@ tjhandle jpegDecompressor() {
 std::size_t texels(int size) { return static_cast<std::size_t>(size) * static_cast<std::size_t>(size); }
 
 Result<std::vector<std::uint8_t>> encodeJpeg(std::span<const std::uint8_t> rgba, int size, int quality) {
-  std::vector<std::uint8_t> bytes(tjBufSize(size, size, TJSAMP_420));
-  unsigned char* at = bytes.data();
-  unsigned long length = bytes.size();
+  // As long as the worst case, far longer than what comes out: kept for the next tile, not handed on with it.
+  thread_local std::vector<std::uint8_t> room;
+  room.resize(std::max<std::size_t>(room.size(), tjBufSize(size, size, TJSAMP_420)));
+  unsigned char* at = room.data();
+  unsigned long length = room.size();
   if (tjCompress2(jpegCompressor(), rgba.data(), size, 0, size, TJPF_RGBA, &at, &length, TJSAMP_420, quality,
                   TJFLAG_NOREALLOC) != 0)
     return fail(ErrorCode::Internal, fmt::format("JPEG: {}", tjGetErrorStr2(jpegCompressor())));
-  bytes.resize(length);
-  return bytes;
+  return std::vector<std::uint8_t>(at, at + length);
 }
 
 Result<std::vector<std::uint8_t>> encodeWebp(std::span<const std::uint8_t> rgba, int size,

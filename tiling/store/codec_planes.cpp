@@ -29,6 +29,7 @@ Result<std::vector<std::uint8_t>> encodePlanes(std::span<const std::span<const s
     const auto length = static_cast<std::uint32_t>(bytes.size() - length_at - 4);
     std::memcpy(bytes.data() + length_at, &length, sizeof length);
   }
+  bytes.shrink_to_fit();
   return bytes;
 }
 

@@ -39,38 +39,45 @@ Result<void> checkTile(const Tile& tile) {
 }
 
 // Confidence on fewer levels: 0 stays 0, and nothing else becomes 0.
-std::vector<std::uint8_t> coarsened(const std::vector<std::uint8_t>& confidence, int levels) {
-  if (levels >= 255) return confidence;
+void coarsen(const std::vector<std::uint8_t>& confidence, int levels, std::vector<std::uint8_t>& coarse) {
   std::uint8_t table[256] = {};
   for (int value = 1; value < 256; ++value) {
     const int level = std::max(1, (value * levels + 127) / 255);
     table[value] = static_cast<std::uint8_t>((level * 255 + levels / 2) / levels);
   }
-  std::vector<std::uint8_t> coarse(confidence.size());
+  coarse.resize(confidence.size());
   std::transform(confidence.begin(), confidence.end(), coarse.begin(),
                  [&](std::uint8_t c) { return table[c]; });
-  return coarse;
 }
 
 Result<EncodedLayer> encodeQuality(const Tile& tile, const EncodeOptions& options) {
   const std::size_t n = tile.texels();
-  const auto orZero = [n](const std::vector<std::uint8_t>& plane) {
-    return plane.empty() ? std::vector<std::uint8_t>(n) : plane;
+  // Kept for the next tile of the thread.
+  thread_local std::vector<std::uint8_t> none, confidence, source_low, source_high;
+  none.resize(std::max(none.size(), n), 0);
+  const std::span<const std::uint8_t> zero = std::span(none).first(n);
+  const auto orZero = [&](const std::vector<std::uint8_t>& plane) {
+    return plane.empty() ? zero : std::span<const std::uint8_t>(plane);
   };
-  std::vector<std::uint8_t> planes[kPlanes];
+  std::span<const std::uint8_t> planes[kPlanes];
   planes[kKind] = tile.kind;
-  planes[kConfidence] = coarsened(orZero(tile.confidence), options.confidence_levels);
+  planes[kConfidence] = orZero(tile.confidence);
+  if (!tile.confidence.empty() && options.confidence_levels < 255) {
+    coarsen(tile.confidence, options.confidence_levels, confidence);
+    planes[kConfidence] = confidence;
+  }
   planes[kViews] = orZero(tile.views);
   planes[kGsd] = orZero(tile.gsd);
   planes[kAngle] = orZero(tile.angle);
-  planes[kSourceLow].assign(n, Tile::kNoSource & 0xff);
-  planes[kSourceHigh].assign(n, Tile::kNoSource >> 8);
+  source_low.assign(n, Tile::kNoSource & 0xff);
+  source_high.assign(n, Tile::kNoSource >> 8);
   for (std::size_t i = 0; i < tile.source.size(); ++i) {
-    planes[kSourceLow][i] = static_cast<std::uint8_t>(tile.source[i]);
-    planes[kSourceHigh][i] = static_cast<std::uint8_t>(tile.source[i] >> 8);
+    source_low[i] = static_cast<std::uint8_t>(tile.source[i]);
+    source_high[i] = static_cast<std::uint8_t>(tile.source[i] >> 8);
   }
-  const std::vector<std::span<const std::uint8_t>> spans(std::begin(planes), std::end(planes));
-  auto bytes = encodePlanes(spans, tile.size, options.elevation.zstd_level);
+  planes[kSourceLow] = source_low;
+  planes[kSourceHigh] = source_high;
+  auto bytes = encodePlanes(planes, tile.size, options.elevation.zstd_level);
   if (!bytes) return tl::unexpected(bytes.error());
   EncodedLayer layer{Layer::Quality, Codec::Planes, std::move(*bytes), {}};
   layer.statistics.valid = static_cast<std::uint32_t>(

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <zstd.h>
 
+#include <algorithm>
 #include <memory>
 
 namespace overfly::tiling::detail {
@@ -23,16 +24,16 @@ ZSTD_DCtx* decompressor() {
 }  // namespace
 
 Result<void> compress(std::span<const std::uint8_t> plain, int level, std::vector<std::uint8_t>& out) {
-  const std::size_t begin = out.size();
-  out.resize(begin + ZSTD_compressBound(plain.size()));
-  const std::size_t size = ZSTD_compressCCtx(compressor(), out.data() + begin, out.size() - begin,
-                                             plain.data(), plain.size(), level);
-  if (ZSTD_isError(size) != 0) {
-    out.resize(begin);
+  // As long as what does not compress: kept for the next plane. Layers wait for the disk, in no more room
+  // than they need.
+  thread_local std::vector<std::uint8_t> room;
+  room.resize(std::max(room.size(), ZSTD_compressBound(plain.size())));
+  const std::size_t size =
+      ZSTD_compressCCtx(compressor(), room.data(), room.size(), plain.data(), plain.size(), level);
+  if (ZSTD_isError(size) != 0)
     return fail(ErrorCode::Internal, fmt::format("zstd: {}", ZSTD_getErrorName(size)));
-  }
-  out.resize(begin + size);
-  out.shrink_to_fit();  // layers wait for the disk: not with room for what did not compress
+  out.reserve(out.size() + size);
+  out.insert(out.end(), room.data(), room.data() + size);
   return {};
 }
 
