@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <utility>
 #include <vector>
 
 namespace overfly::tiling {
@@ -91,6 +92,20 @@ void averageBytes(const std::vector<std::uint8_t>& child, int size, const Target
   });
 }
 
+// As default-constructed, in the memory that it has.
+Tile emptied(Tile&& tile) {
+  Tile empty = std::move(tile);
+  empty.key = {};
+  empty.size = 0;
+  for (auto* layer : {&empty.color, &empty.confidence, &empty.views, &empty.kind, &empty.gsd, &empty.angle})
+    layer->clear();
+  empty.elevation.clear();
+  empty.elevation_max.clear();
+  empty.source.clear();
+  empty.frame_set.clear();
+  return empty;
+}
+
 // Everything but the heights, for `texels` texels in all.
 void averageLayers(const Tile& child, const Target& target, Index texels, Tile& out) {
   if (!child.color.empty()) {
@@ -145,16 +160,16 @@ Tile makeParent(const geo::TileKey& key, const std::array<const Tile*, 4>& child
   return parent;
 }
 
-Tile halved(const Tile& child) {
-  Tile half;
+Tile halved(const Tile& child, Tile&& reuse) {
+  Tile half = emptied(std::move(reuse));
   half.key = child.key;
   half.size = child.size / 2;
   averageLayers(child, {0, static_cast<Index>(half.size)}, half.texels(), half);
   return half;
 }
 
-Tile joinHalves(const geo::TileKey& key, const std::array<const Tile*, 4>& halves) {
-  Tile parent;
+Tile joinHalves(const geo::TileKey& key, const std::array<const Tile*, 4>& halves, Tile&& reuse) {
+  Tile parent = emptied(std::move(reuse));
   parent.key = key;
   for (const Tile* half : halves)
     if (half != nullptr) parent.size = 2 * half->size;

@@ -20,8 +20,10 @@ namespace overfly::tiling {
 
 // makeParent() in two steps for tiles without heights, so that a child can be kept as what its parent needs
 // of it, a quarter of its bytes: joinHalves of the halved children is makeParent of the children, bit for
-// bit. `halves`: nullptr where there is no child; all of one size.
-[[nodiscard]] Tile halved(const Tile& child);
-[[nodiscard]] Tile joinHalves(const geo::TileKey& key, const std::array<const Tile*, 4>& halves);
+// bit. `halves`: nullptr where there is no child; all of one size. `reuse`: memory for the result, of a tile
+// that is no longer needed, whatever it holds.
+[[nodiscard]] Tile halved(const Tile& child, Tile&& reuse = {});
+[[nodiscard]] Tile joinHalves(const geo::TileKey& key, const std::array<const Tile*, 4>& halves,
+                              Tile&& reuse = {});
 
 }  // namespace overfly::tiling

@@ -14,7 +14,7 @@ namespace overfly::tiling {
 namespace {
 
 // Coded tiles that wait for the disk: little, so that a slow disk slows the map instead of filling memory.
-constexpr std::size_t kQueueBytes = 2u << 20;
+constexpr std::size_t kQueueBytes = 1u << 20;
 
 double threadCpu_s() {
   timespec t{};
@@ -33,6 +33,8 @@ PlaneBox boxOf(const std::array<Eigen::Vector2d, 4>& polygon) {
 constexpr std::size_t kSpareImages = 4;
 constexpr std::size_t kSpareTiles = 16;
 constexpr std::size_t kMostGone = 4096;
+
+std::size_t halfBytes(std::size_t drawn_bytes) { return drawn_bytes / 8 / 4 * 6; }  // 6 for each texel
 
 }  // namespace
 
@@ -59,7 +61,10 @@ PlanarMap::PlanarMap(MapStore store, MapReader reader, geo::TileLattice lattice,
       base_zoom_(writer_.meta().base_zoom),
       index_(lattice_),
       scheduler_(base_zoom_, {}),
-      spare_(std::make_shared<SparePixels>()),
+      spare_pixels_(kSpareImages),
+      spare_tiles_(kSpareTiles),
+      spare_joined_(static_cast<std::size_t>(std::max(1, options.threads))),
+      spare_halves_(options.tile_bytes / 4 / halfBytes(drawnBytes())),
       images_(options.image_bytes),
       workers_(options.threads) {}
 
@@ -67,23 +72,14 @@ PlanarMap::~PlanarMap() = default;
 
 Result<PlanarImagePtr> PlanarMap::decode(const capture::Frame& frame, double gsd_m) {
   const double start = threadCpu_s();
-  std::vector<std::uint8_t> pixels;
-  {
-    const std::scoped_lock lock(spare_->mutex);
-    if (!spare_->pixels.empty()) {
-      pixels = std::move(spare_->pixels.back());
-      spare_->pixels.pop_back();
-    }
-  }
-  auto image = decodeForPlane(frame, gsd_m, texel_m_, std::move(pixels));
+  auto image = decodeForPlane(frame, gsd_m, texel_m_, spare_pixels_.take());
   const std::scoped_lock lock(statistics_mutex_);
   statistics_.decode_s += threadCpu_s() - start;
   ++statistics_.images_loaded;
   if (!image) return tl::unexpected(image.error());
-  return PlanarImagePtr(new PlanarImage(std::move(*image)), [spare = spare_](PlanarImage* gone) {
+  return PlanarImagePtr(new PlanarImage(std::move(*image)), [this](PlanarImage* gone) {
     const std::unique_ptr<PlanarImage> owner(gone);
-    const std::scoped_lock lock_spare(spare->mutex);
-    if (spare->pixels.size() < kSpareImages) spare->pixels.push_back(std::move(gone->rgbx));
+    spare_pixels_.give(std::move(gone->rgbx));
   });
 }
 
@@ -177,17 +173,72 @@ Result<void> PlanarMap::drawTiles(std::uint64_t id, std::span<const geo::TileKey
     return {};
   });
   if (!done) return done;
-  const auto images = imagesOf(plans, changes);
-  if (!images) return tl::unexpected(images.error());
+  std::vector<std::uint8_t> changed(plans.size(), 0);
+  done = drawImages(id, plans, changes, tiles, changed);
+  if (!done) return done;
   return workers_.forEach(plans.size(), [&](std::size_t i) -> Result<void> {
     const double start = threadCpu_s();
-    const bool changed = plans[i].apply(changes[i], (*images)[i], tiles[i]->tile, tiles[i]->marks);
+    plans[i].finish(changes[i], tiles[i]->tile, tiles[i]->marks);
     const std::scoped_lock lock(statistics_mutex_);
     statistics_.project_s += threadCpu_s() - start;
-    statistics_.tiles += changed ? 1 : 0;
-    updates_ += changed ? 1 : 0;
+    statistics_.tiles += changed[i];
+    updates_ += changed[i];
     return {};
   });
+}
+
+// What the tiles need of each picture: of those that are in memory first; the others are loaded again, no
+// more at a time than there are threads.
+Result<void> PlanarMap::drawImages(std::uint64_t newest, std::span<const PlanarPlan> plans,
+                                   std::span<const PlanarPlan::Changes> changes,
+                                   std::span<Drawn* const> tiles, std::vector<std::uint8_t>& changed) {
+  struct Place {
+    std::size_t tile, frame;
+  };
+  std::map<std::uint64_t, std::vector<Place>> needed;
+  for (std::size_t i = 0; i < plans.size(); ++i)
+    for (std::size_t k = 0; k < changes[i].needed.size(); ++k)
+      if (changes[i].needed[k]) needed[plans[i].frames()[k]].push_back({i, k});
+  const auto draw = [&](const std::vector<Place>& places, const PlanarImage& image) {
+    return workers_.forEach(places.size(), [&](std::size_t n) -> Result<void> {
+      const double start = threadCpu_s();
+      const auto [i, k] = places[n];
+      if (plans[i].draw(changes[i], k, image, tiles[i]->marks, tiles[i]->tile)) changed[i] = 1;
+      const std::scoped_lock lock(statistics_mutex_);
+      statistics_.project_s += threadCpu_s() - start;
+      return {};
+    });
+  };
+  std::vector<std::uint64_t> missing;
+  for (const auto& [id, places] : needed) {
+    const PlanarImagePtr image = images_.find(id);
+    if (image == nullptr)
+      missing.push_back(id);
+    else if (auto done = draw(places, *image); !done)
+      return done;
+  }
+  const auto most = static_cast<std::size_t>(std::max(1, options_.threads));
+  for (std::size_t first = 0; first < missing.size(); first += most) {
+    std::vector<PlanarImagePtr> loaded(std::min(most, missing.size() - first));
+    auto done = workers_.forEach(loaded.size(), [&](std::size_t n) -> Result<void> {
+      const Source& source = sources_.at(missing[first + n]);
+      auto frame = source.load();
+      if (!frame) return tl::unexpected(frame.error());
+      auto image = decode(**frame, source.gsd_m);
+      if (!image) return tl::unexpected(image.error());
+      loaded[n] = std::move(*image);
+      return {};
+    });
+    if (!done) return done;
+    for (std::size_t n = 0; n < loaded.size(); ++n) {
+      const std::uint64_t id = missing[first + n];
+      if (done = draw(needed.at(id), *loaded[n]); !done) return done;
+      const std::size_t bytes = loaded[n]->bytes();
+      (void)images_.find(newest);  // the next frame's neighbour: not the one to go
+      images_.insert(id, std::move(loaded[n]), bytes);
+    }
+  }
+  return {};
 }
 
 // The tile to draw on, which is to be coded with this batch.
@@ -195,12 +246,7 @@ PlanarMap::Drawn& PlanarMap::drawn(const PlanarPlan& plan) {
   const auto [at, fresh] = drawn_.try_emplace(plan.key());
   Drawn& tile = at->second;
   if (fresh) {
-    if (!spare_tiles_.empty()) {
-      tile.tile = plan.blank(std::move(spare_tiles_.back()));
-      spare_tiles_.pop_back();
-    } else {
-      tile.tile = plan.blank();
-    }
+    tile.tile = plan.blank(spare_tiles_.take());
     tile.marks = plan.noMarks();
     tile.place = drawn_order_.insert(drawn_order_.end(), plan.key());
   } else {
@@ -211,7 +257,7 @@ PlanarMap::Drawn& PlanarMap::drawn(const PlanarPlan& plan) {
   while (drawn_.size() * drawnBytes() > options_.tile_bytes / 4 * 3) {
     const auto oldest = drawn_.find(drawn_order_.front());
     if (oldest->second.waits) break;
-    if (spare_tiles_.size() < kSpareTiles) spare_tiles_.push_back(std::move(oldest->second.tile));
+    spare_tiles_.give(std::move(oldest->second.tile));
     drawn_order_.pop_front();
     drawn_.erase(oldest);
   }
@@ -222,55 +268,22 @@ std::size_t PlanarMap::drawnBytes() const {
   return 8 * static_cast<std::size_t>(tile_size_) * static_cast<std::size_t>(tile_size_);
 }
 
-// The pictures that each plan needs; those that the cache has lost are loaded again.
-Result<std::vector<std::vector<PlanarImagePtr>>> PlanarMap::imagesOf(
-    std::span<const PlanarPlan> plans, std::span<const PlanarPlan::Changes> changes) {
-  std::map<std::uint64_t, PlanarImagePtr> held;
-  for (std::size_t i = 0; i < plans.size(); ++i)
-    for (std::size_t k = 0; k < changes[i].needed.size(); ++k)
-      if (changes[i].needed[k]) held.try_emplace(plans[i].frames()[k]);
-  std::vector<std::pair<const std::uint64_t, PlanarImagePtr>*> missing;
-  for (auto& entry : held)
-    if ((entry.second = images_.find(entry.first)) == nullptr) missing.push_back(&entry);
-  auto done = workers_.forEach(missing.size(), [&](std::size_t i) -> Result<void> {
-    const Source& source = sources_.at(missing[i]->first);
-    auto frame = source.load();
-    if (!frame) return tl::unexpected(frame.error());
-    auto image = decode(**frame, source.gsd_m);
-    if (!image) return tl::unexpected(image.error());
-    missing[i]->second = std::move(*image);
-    return {};
-  });
-  if (!done) return tl::unexpected(done.error());
-  for (const auto* entry : missing) images_.insert(entry->first, entry->second, entry->second->bytes());
-  std::vector<std::vector<PlanarImagePtr>> images;
-  for (std::size_t i = 0; i < plans.size(); ++i) {
-    auto& list = images.emplace_back(changes[i].needed.size());
-    for (std::size_t k = 0; k < changes[i].needed.size(); ++k)
-      if (changes[i].needed[k]) list[k] = held.at(plans[i].frames()[k]);
-  }
-  return images;
-}
-
 // A tile for the store, and what its parent needs of it: colours as readers will decode them, so that a
 // parent is a function of what is stored, whether its children come from memory or from the store.
-Result<PlanarMap::Coded> PlanarMap::code(const Tile& tile, double& encode_s, double& parents_s) const {
+Result<PlanarMap::Coded> PlanarMap::code(Tile& tile, double& encode_s, double& parents_s) {
   const double start = threadCpu_s();
   auto write = encodeTile(tile, options_.encoding);
   if (!write) return tl::unexpected(write.error());
   const double encoded = threadCpu_s();
-  Tile stored;
-  stored.key = tile.key;
-  stored.size = tile.size;
-  stored.kind = tile.kind;
-  stored.gsd = tile.gsd;
+  std::vector<std::uint8_t> exact;
   for (const EncodedLayer& layer : write->layers) {
     if (layer.layer != Layer::Color) continue;
     auto color = decodeColor(layer.codec, layer.bytes, tile.size);
     if (!color) return tl::unexpected(color.error());
-    stored.color = std::move(*color);
+    exact = std::exchange(tile.color, std::move(*color));
   }
-  Coded coded{std::move(*write), halved(stored)};
+  Coded coded{std::move(*write), halved(tile, spare_halves_.take())};
+  tile.color = std::move(exact);
   encode_s += encoded - start;
   parents_s += threadCpu_s() - encoded;
   return coded;
@@ -279,7 +292,7 @@ Result<PlanarMap::Coded> PlanarMap::code(const Tile& tile, double& encode_s, dou
 Result<void> PlanarMap::codeTiles() {
   std::vector<std::optional<Coded>> coded(waiting_.size());
   auto done = workers_.forEach(waiting_.size(), [&](std::size_t i) -> Result<void> {
-    const Tile& tile = drawn_.at(waiting_[i]).tile;
+    Tile& tile = drawn_.at(waiting_[i]).tile;
     // A tile of which frames only graze a corner may be empty; it is not stored.
     if (tile.empty()) return {};
     double encode_s = 0, parents_s = 0;
@@ -297,7 +310,7 @@ Result<void> PlanarMap::codeTiles() {
     if (!coded[i]) continue;
     ++statistics_.coded;
     scheduler_.markParentOf(waiting_[i]);
-    keepHalf(std::move(coded[i]->half));
+    keepHalf(std::move(coded[i]->half), true);
     batch_.tiles.push_back(std::move(coded[i]->write));
   }
   waiting_.clear();
@@ -314,19 +327,32 @@ Result<std::shared_ptr<const Tile>> PlanarMap::half(const geo::TileKey& key) {
     if (stored.error().code == ErrorCode::NotFound) return std::shared_ptr<const Tile>();
     return tl::unexpected(stored.error());
   }
-  stored->confidence = {};
-  stored->views = {};
-  keepHalf(halved(*stored));
-  return halves_.at(key).tile;
+  stored->confidence = stored->views = stored->angle = {};  // none here, which the store holds as zeros
+  return keepHalf(halved(*stored, spare_halves_.take()), false);
 }
 
-void PlanarMap::keepHalf(Tile&& half) {
+// `waits`: its tile is part of the batch.
+std::shared_ptr<const Tile> PlanarMap::keepHalf(Tile&& half, bool waits) {
   const auto [at, fresh] = halves_.try_emplace(half.key);
   if (fresh)
     at->second.place = halves_order_.insert(halves_order_.end(), half.key);
   else
     halves_order_.splice(halves_order_.end(), halves_order_, at->second.place);
-  at->second.tile = std::make_shared<const Tile>(std::move(half));
+  at->second.waits = waits;
+  const std::shared_ptr<const Tile> kept(new Tile(std::move(half)), [this](Tile* gone) {
+    const std::unique_ptr<Tile> owner(gone);
+    spare_halves_.give(std::move(*gone));
+  });
+  at->second.tile = kept;
+  // Only what is on its way to the store may leave memory.
+  while (halves_.size() * halfBytes(drawnBytes()) > options_.tile_bytes / 4) {
+    const auto oldest = halves_.find(halves_order_.front());
+    if (oldest->second.waits) break;
+    gone_.insert(oldest->first);
+    halves_order_.pop_front();
+    halves_.erase(oldest);
+  }
+  return kept;
 }
 
 Result<void> PlanarMap::makeParents(std::span<const TileJob> jobs) {
@@ -357,7 +383,7 @@ Result<void> PlanarMap::makeParents(std::span<const TileJob> jobs) {
     const double start = threadCpu_s();
     std::array<const Tile*, 4> held{};
     for (std::size_t i = 0; i < 4; ++i) held[i] = children[j][i].get();
-    const Tile tile = joinHalves(jobs[j].key, held);
+    Tile tile = joinHalves(jobs[j].key, held, spare_joined_.take());
     if (!tile.empty()) {
       double encode_s = 0, parents_s = 0;
       auto one = code(tile, encode_s, parents_s);
@@ -365,6 +391,7 @@ Result<void> PlanarMap::makeParents(std::span<const TileJob> jobs) {
       one->write.top = top;
       coded[j] = std::move(*one);
     }
+    spare_joined_.give(std::move(tile));
     const std::scoped_lock lock(statistics_mutex_);
     statistics_.parents_s += threadCpu_s() - start;
     return {};
@@ -374,7 +401,7 @@ Result<void> PlanarMap::makeParents(std::span<const TileJob> jobs) {
     scheduler_.done(jobs[j], coded[j].has_value(), now_ns());
     if (!coded[j]) continue;
     ++statistics_.parents;
-    if (!top) keepHalf(std::move(coded[j]->half));
+    if (!top) keepHalf(std::move(coded[j]->half), true);
     batch_.tiles.push_back(std::move(coded[j]->write));
   }
   return {};
@@ -395,13 +422,7 @@ Result<void> PlanarMap::submit() {
   }
   batch_ = {};
   statistics_.commit_s += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  // Only what is on its way to the store may leave memory: 6 bytes for each texel of a half.
-  const std::size_t half_bytes = drawnBytes() / 8 / 4 * 6;
-  while (!halves_.empty() && halves_.size() * half_bytes > options_.tile_bytes / 4) {
-    gone_.insert(halves_order_.front());
-    halves_.erase(halves_order_.front());
-    halves_order_.pop_front();
-  }
+  for (auto& [key, half] : halves_) half.waits = false;
   return {};
 }
 

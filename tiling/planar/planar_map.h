@@ -17,6 +17,7 @@
 #include "tiling/index/frame_index.h"
 #include "tiling/planar/planar_image.h"
 #include "tiling/planar/planar_projector.h"
+#include "tiling/planar/spare.h"
 #include "tiling/planar/workers.h"
 #include "tiling/rectify/pinned_lru.h"
 #include "tiling/store/store_writer.h"
@@ -98,31 +99,28 @@ class PlanarMap {
   // What the parent of a stored tile needs of it.
   struct Half {
     std::shared_ptr<const Tile> tile;
+    bool waits = false;  // its tile is not on its way to the store yet
     std::list<geo::TileKey>::iterator place;
   };
   struct Coded {
     TileWrite write;
     Tile half;
   };
-  // Memory of images that are no longer needed.
-  struct SparePixels {
-    std::mutex mutex;
-    std::vector<std::vector<std::uint8_t>> pixels;
-  };
   PlanarMap(MapStore store, MapReader reader, geo::TileLattice lattice, const PlanarOptions& options);
 
   [[nodiscard]] Result<PlanarImagePtr> decode(const capture::Frame& frame, double gsd_m);
   [[nodiscard]] Result<void> takeNext();
   [[nodiscard]] Result<void> drawTiles(std::uint64_t id, std::span<const geo::TileKey> keys);
-  [[nodiscard]] Result<std::vector<std::vector<PlanarImagePtr>>> imagesOf(
-      std::span<const PlanarPlan> plans, std::span<const PlanarPlan::Changes> changes);
+  [[nodiscard]] Result<void> drawImages(std::uint64_t newest, std::span<const PlanarPlan> plans,
+                                        std::span<const PlanarPlan::Changes> changes,
+                                        std::span<Drawn* const> tiles, std::vector<std::uint8_t>& changed);
   [[nodiscard]] Drawn& drawn(const PlanarPlan& plan);
-  [[nodiscard]] Result<Coded> code(const Tile& tile, double& encode_s, double& parents_s) const;
+  [[nodiscard]] Result<Coded> code(Tile& tile, double& encode_s, double& parents_s);
   [[nodiscard]] Result<void> finishBatch();
   [[nodiscard]] Result<void> codeTiles();
   [[nodiscard]] Result<void> makeParents(std::span<const TileJob> jobs);
   [[nodiscard]] Result<std::shared_ptr<const Tile>> half(const geo::TileKey& key);
-  void keepHalf(Tile&& half);
+  std::shared_ptr<const Tile> keepHalf(Tile&& half, bool waits);
   [[nodiscard]] Result<void> submit();
   [[nodiscard]] std::size_t drawnBytes() const;  // of one tile
   [[nodiscard]] std::int64_t now_ns() { return ++clock_; }
@@ -135,14 +133,15 @@ class PlanarMap {
   double texel_m_ = 0;  // at the first frame
   FrameIndex index_;
   Scheduler scheduler_;  // of the parents; tiles of level 0 are made as frames come
+  // Memory of images, of tiles that are drawn on, of joined halves, and of halves; before what gives it back.
+  Spare<std::vector<std::uint8_t>> spare_pixels_;
+  Spare<Tile> spare_tiles_, spare_joined_, spare_halves_;
   std::deque<Arriving> arriving_;
   std::map<std::uint64_t, Source> sources_;
-  std::shared_ptr<SparePixels> spare_;
   PinnedLru<PlanarImage> images_;
   // By key, and in the order of use, the oldest first to go.
   std::map<geo::TileKey, Drawn> drawn_;
   std::list<geo::TileKey> drawn_order_;
-  std::vector<Tile> spare_tiles_;  // memory to draw on
   std::vector<geo::TileKey> waiting_;
   std::map<geo::TileKey, Half> halves_;
   std::list<geo::TileKey> halves_order_;

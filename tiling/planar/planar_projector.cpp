@@ -12,6 +12,7 @@ namespace overfly::tiling {
 namespace {
 
 constexpr std::int64_t kHalfPixel = 32768;
+constexpr std::size_t kBlockTexels = std::size_t{PlanarPlan::kBlock} * PlanarPlan::kBlock;
 constexpr float kNowhere = std::numeric_limits<float>::quiet_NaN();
 
 // Four channels of one pixel, or of two side by side.
@@ -284,39 +285,27 @@ void PlanarPlan::chooseTexels(const Place& place, std::uint16_t* source) const {
     }
 }
 
-bool PlanarPlan::mixBlock(const Place& place, const std::uint16_t* source,
-                          std::span<const PlanarImagePtr> images, Tile& tile) const {
+// The texels of a block that several frames share which are to come from frame k and do not yet.
+bool PlanarPlan::mixBlock(const Place& place, const std::uint16_t* source, std::size_t k,
+                          const PlanarImage& image, Tile& tile) const {
+  if (!reaches(views_[k], place)) return false;
   auto* color = reinterpret_cast<std::uint32_t*>(tile.color.data());
-  const auto size = static_cast<std::size_t>(size_);
+  const std::uint8_t gsd = gsdCode(views_[k].gsd_m);
   bool any = false;
-  for (std::size_t k = 0; k < views_.size(); ++k) {
-    if (images[k] == nullptr || !reaches(views_[k], place)) continue;
-    const std::uint8_t gsd = gsdCode(views_[k].gsd_m);
-    Lines line(views_[k], *images[k], place);
-    for (int row = 0; row < kBlock; ++row) {
-      line.toRow(row);
-      const std::size_t begin = place.first + static_cast<std::size_t>(row) * size;
-      const std::uint16_t* chosen = source + row * kBlock;
-      for (int column = 0; column < kBlock; ++column) {
-        const std::size_t at = begin + static_cast<std::size_t>(column);
-        if (chosen[column] != k || tile.source[at] == k) continue;
-        color[at] =
-            sample(*images[k], line.x + column * line.step_x, line.y + column * line.step_y) | 0xff000000U;
-        tile.source[at] = static_cast<std::uint16_t>(k);
-        tile.gsd[at] = gsd;
-        tile.kind[at] = kProvisional;
-        any = true;
-      }
+  Lines line(views_[k], image, place);
+  for (int row = 0; row < kBlock; ++row) {
+    line.toRow(row);
+    const std::size_t begin = place.first + static_cast<std::size_t>(row) * static_cast<std::size_t>(size_);
+    const std::uint16_t* chosen = source + row * kBlock;
+    for (int column = 0; column < kBlock; ++column) {
+      const std::size_t at = begin + static_cast<std::size_t>(column);
+      if (chosen[column] != k || tile.source[at] == k) continue;
+      color[at] = sample(image, line.x + column * line.step_x, line.y + column * line.step_y) | 0xff000000U;
+      tile.source[at] = static_cast<std::uint16_t>(k);
+      tile.gsd[at] = gsd;
+      tile.kind[at] = kProvisional;
+      any = true;
     }
-  }
-  // A frame that is no longer there may have been the only one.
-  for (std::size_t i = 0; i < std::size_t{kBlock} * kBlock; ++i) {
-    const std::size_t at = place.first + i / kBlock * size + i % kBlock;
-    if (source[i] != Tile::kNoSource || tile.source[at] == Tile::kNoSource) continue;
-    color[at] = 0;
-    tile.source[at] = Tile::kNoSource;
-    tile.gsd[at] = 0;
-    tile.kind[at] = kNoData;
   }
   return any;
 }
@@ -337,7 +326,10 @@ Tile PlanarPlan::blank(Tile&& reuse) const {
 Tile PlanarPlan::render(std::span<const PlanarImagePtr> images) const {
   Tile tile = blank();
   Marks marks = noMarks();
-  apply(prepare(tile, marks), images, tile, marks);
+  const Changes changes = prepare(tile, marks);
+  for (std::size_t k = 0; k < images.size(); ++k)
+    if (changes.needed[k]) draw(changes, k, *images[k], marks, tile);
+  finish(changes, tile, marks);
   return tile;
 }
 
@@ -365,11 +357,10 @@ PlanarPlan::Changes PlanarPlan::prepare(Tile& tile, const Marks& marks) const {
       changes.needed[static_cast<std::size_t>(winner_[block])] = true;
       continue;
     }
-    constexpr std::size_t kTexels = std::size_t{kBlock} * kBlock;
     const std::size_t begin = changes.source.size();
-    changes.source.resize(begin + kTexels, Tile::kNoSource);
+    changes.source.resize(begin + kBlockTexels, Tile::kNoSource);
     if (winner_[block] == kMixed) chooseTexels(place, changes.source.data() + begin);
-    for (std::size_t i = 0; i < kTexels; ++i) {
+    for (std::size_t i = 0; i < kBlockTexels; ++i) {
       const std::uint16_t source = changes.source[begin + i];
       const std::size_t at = place.first + i / kBlock * static_cast<std::size_t>(size_) + i % kBlock;
       if (source != Tile::kNoSource && source != tile.source[at]) changes.needed[source] = true;
@@ -378,23 +369,41 @@ PlanarPlan::Changes PlanarPlan::prepare(Tile& tile, const Marks& marks) const {
   return changes;
 }
 
-bool PlanarPlan::apply(const Changes& changes, std::span<const PlanarImagePtr> images, Tile& tile,
-                       Marks& marks) const {
+bool PlanarPlan::draw(const Changes& changes, std::size_t k, const PlanarImage& image, const Marks& marks,
+                      Tile& tile) const {
   const std::uint16_t* source = changes.source.data();
   bool any = false;
   for (std::size_t block = 0; block < winner_.size(); ++block) {
     if (marks[block] == marks_[block]) continue;
     const int winner = winner_[block];
-    if (winner >= 0) {
-      copyBlock(placeOf(block), winner, *images[static_cast<std::size_t>(winner)], tile);
+    if (winner < 0) {
+      any = mixBlock(placeOf(block), source, k, image, tile) || any;
+      source += kBlockTexels;
+    } else if (static_cast<std::size_t>(winner) == k) {
+      copyBlock(placeOf(block), winner, image, tile);
       any = true;
-      continue;
     }
-    any = mixBlock(placeOf(block), source, images, tile) || any;
-    source += std::ptrdiff_t{kBlock} * kBlock;
+  }
+  return any;
+}
+
+void PlanarPlan::finish(const Changes& changes, Tile& tile, Marks& marks) const {
+  auto* color = reinterpret_cast<std::uint32_t*>(tile.color.data());
+  const std::uint16_t* source = changes.source.data();
+  for (std::size_t block = 0; block < winner_.size(); ++block) {
+    if (marks[block] == marks_[block] || winner_[block] >= 0) continue;
+    const Place place = placeOf(block);
+    // A frame that is no longer there may have been the only one.
+    for (std::size_t i = 0; i < kBlockTexels; ++i, ++source) {
+      const std::size_t at = place.first + i / kBlock * static_cast<std::size_t>(size_) + i % kBlock;
+      if (*source != Tile::kNoSource || tile.source[at] == Tile::kNoSource) continue;
+      color[at] = 0;
+      tile.source[at] = Tile::kNoSource;
+      tile.gsd[at] = 0;
+      tile.kind[at] = kNoData;
+    }
   }
   marks = marks_;
-  return any;
 }
 
 }  // namespace overfly::tiling

@@ -41,18 +41,21 @@ class PlanarPlan {
   // What a tile was drawn from, block by block: a block whose mark is the same in two plans of one tile has
   // the same texels. 0: a block without any.
   using Marks = std::vector<std::uint64_t>;
-  // How a tile that an earlier plan drew becomes what render() gives. Which frame gives a texel needs no
-  // pixels, and the colour that a frame gives it depends on nothing else: so only texels that change their
-  // frame are read, nearly always from the new one alone.
+  // How a tile that an earlier plan drew becomes what render() gives: prepare(), then draw() for each frame
+  // that is needed, in any order, then finish(). Which frame gives a texel needs no pixels, and the colour
+  // that a frame gives it depends on nothing else: so only texels that change their frame are read, nearly
+  // always from the new one alone, and from one picture at a time.
   struct Changes {
     std::vector<bool> needed;           // of frames(): which pictures are read
     std::vector<std::uint16_t> source;  // of the texels of changed blocks that several frames share, in turn
   };
-  // Brings the tile's frame set, and its sources with it, up to date. Then apply() is due.
+  // Brings the tile's frame set, and its sources with it, up to date.
   [[nodiscard]] Changes prepare(Tile& tile, const Marks& marks) const;
-  // `images`: those of frames(), null where they are not needed. `marks` become this plan's. True: some texel
-  // was drawn.
-  bool apply(const Changes& changes, std::span<const PlanarImagePtr> images, Tile& tile, Marks& marks) const;
+  // The texels that change to frames()[k], whose picture it is. True: some texel was drawn.
+  bool draw(const Changes& changes, std::size_t k, const PlanarImage& image, const Marks& marks,
+            Tile& tile) const;
+  // Empties the texels that no frame gives any more; `marks` become this plan's.
+  void finish(const Changes& changes, Tile& tile, Marks& marks) const;
   // A tile without any texel, in the memory of one that is no longer needed; and its marks.
   [[nodiscard]] Tile blank(Tile&& reuse = {}) const;
   [[nodiscard]] Marks noMarks() const { return Marks(winner_.size(), 0); }
@@ -72,8 +75,8 @@ class PlanarPlan {
   [[nodiscard]] bool reaches(const View& view, const Place& place) const;
   void chooseTexels(const Place& place, std::uint16_t* source) const;
   void copyBlock(const Place& place, int view, const PlanarImage& image, Tile& tile) const;
-  [[nodiscard]] bool mixBlock(const Place& place, const std::uint16_t* source,
-                              std::span<const PlanarImagePtr> images, Tile& tile) const;
+  bool mixBlock(const Place& place, const std::uint16_t* source, std::size_t k, const PlanarImage& image,
+                Tile& tile) const;
 
   geo::TileKey key_;
   int size_ = 0;

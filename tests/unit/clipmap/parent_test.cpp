@@ -84,6 +84,12 @@ RC_GTEST_PROP(MakeParentProperty, joinedHalvesAreTheParent, ()) {
   }
   const Tile parent = makeParent({10, 0, 0}, pointers);
   RC_ASSERT(joinHalves({10, 0, 0}, half_pointers) == parent);
+  // Whatever the memory held that they are made in.
+  Tile used = *randomTile({3, 1, 2}, 8);
+  used.frame_set = {1, 2};
+  RC_ASSERT(joinHalves({10, 0, 0}, half_pointers, Tile(used)) == parent);
+  for (std::size_t q = 0; q < 4; ++q)
+    RC_ASSERT(pointers[q] == nullptr || halved(children[q], Tile(used)) == halves[q]);
   for (std::size_t q = 0; q < 4; ++q)
     for (std::size_t i = 0; pointers[q] != nullptr && i < 16; ++i) {
       const std::size_t out = (4 * (q >> 1) + i / 4) * 8 + 4 * (q & 1) + i % 4;
