@@ -1,4 +1,5 @@
 #include <fmt/format.h>
+#include <malloc.h>
 #include <sys/resource.h>
 
 #include <chrono>
@@ -51,9 +52,18 @@ Result<Ground> groundOf(const PlanarCommand& command, const capture::Flight& fli
               fmt::format("no frame looks down on ground at {:.1f} m: check --ground", ground.height_m));
 }
 
+// One heap for all threads: what one frees, another takes. With a heap for each, every one keeps room for the
+// largest tile that it ever coded (tests/stress/planar).
+void keepHeapSmall() {
+#ifdef __GLIBC__
+  mallopt(M_ARENA_MAX, 1);
+#endif
+}
+
 }  // namespace
 
 Result<int> mapOntoPlane(const PlanarCommand& command) {
+  keepHeapSmall();
   auto flight = capture::importFlight(command.flight);
   if (!flight) return tl::unexpected(flight.error());
   const auto ground = groundOf(command, *flight);
