@@ -225,6 +225,37 @@ TEST_F(Photographs, AreLoadedOneAFrameAndOnlyOnce) {
   ASSERT_TRUE(fewer.has_value());
   EXPECT_EQ(fewer->projectors, 1);
   EXPECT_EQ(photos.loads, 3);
+  look.projectors = 0;
+  EXPECT_EQ(previewer.draw(view, look, {})->projectors, 0);
+  look.projectors = 3;
+  EXPECT_EQ(previewer.draw(view, look, {})->projectors, 3);
+  EXPECT_EQ(photos.loads, 3);
+}
+
+TEST_F(Photographs, ThatAreStillBeingReadAreAskedForAgain) {
+  SyntheticMap map({}, test::townHeight);
+  RamCache ram(map);
+  PhotoRing photos({cameraAt(map, 200, 420, 475, 0, -35), cameraAt(map, 90, 330, 465, 60, -30)}, coordinates);
+  Previewer previewer(context(), ram);
+  previewer.setProjectors(&photos);
+  View view = cameraAt(map, 200, 330, 461, 0, -22);
+  view.width = view.height = 16;
+  Look look;
+  ASSERT_TRUE(previewer.drawSettled(view, look).has_value());
+  look.projectors = 2;
+  photos.reading = true;
+  for (int i = 0; i < 3; ++i) {
+    ASSERT_TRUE(previewer.refine(view, look, {}).has_value());
+    EXPECT_EQ(previewer.projectorsLeft(), 2);
+  }
+  EXPECT_EQ(previewer.draw(view, look, {})->projectors, 0);
+  photos.reading = false;
+  for (const int left : {1, 0, 0}) {
+    ASSERT_TRUE(previewer.refine(view, look, {}).has_value());
+    EXPECT_EQ(previewer.projectorsLeft(), left);
+  }
+  EXPECT_EQ(photos.loads, 2);
+  EXPECT_EQ(previewer.draw(view, look, {})->projectors, 2);
 }
 
 }  // namespace

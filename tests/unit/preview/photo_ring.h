@@ -35,6 +35,7 @@ class PhotoRing : public preview::ProjectorSource {
     return out;
   }
   Result<preview::ProjectorImage> load(std::uint64_t id, int width, int height) override {
+    if (reading) return fail(ErrorCode::Unavailable, "being read");
     ++loads;
     const preview::View& camera = cameras_[id - 1];
     preview::ProjectorImage out;
@@ -56,6 +57,7 @@ class PhotoRing : public preview::ProjectorSource {
 
   preview::ProjectorQuery last;
   int loads = 0;
+  bool reading = false;  // no picture is there yet
 
  private:
   std::vector<preview::View> cameras_;
