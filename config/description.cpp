@@ -337,8 +337,10 @@ SectionInfo describeLog() {
 
 SectionInfo describeGpu() {
   SectionTable t("gpu", &Settings::gpu, "The GPU.");
-  t.key("device", &Gpu::device,
-        "render node (/dev/dri/renderD128) or part of the renderer's name; empty takes the first that works");
+  t.key(
+      "device", &Gpu::device,
+      "which GPU, where there are several: its number or a part of its name as `overfly doctor --all` prints "
+      "them, or its render node (/dev/dri/renderD128); empty takes the first that works");
   t.key("software", &Gpu::software, "uses Mesa's software rasteriser even where there is a GPU");
   t.key("frame_cache_mb", &Gpu::frame_cache_mb, Range{16, 1e6}, "GPU memory for rectified frames").live();
   return t.take();

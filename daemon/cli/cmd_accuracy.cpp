@@ -6,6 +6,7 @@
 #include "capture/import/import_flight.h"
 #include "capture/import/survey.h"
 #include "daemon/cli/command.h"
+#include "daemon/cli/gpu.h"
 #include "daemon/cli/progress.h"
 #include "daemon/cli/scene_accuracy.h"
 #include "render/scene/description.h"
@@ -75,7 +76,7 @@ Result<int> run(const Arguments& arguments, const Context& context) {
     options.json = context.json;
     const auto mapping = batchOptions(arguments, context);
     if (!mapping) return tl::unexpected(mapping.error());
-    return sceneAccuracy(options, *mapping);
+    return sceneAccuracy(options, *mapping, context);
   }
   auto flight = capture::importFlight(arguments.flight);
   if (!flight) return tl::unexpected(flight.error());
@@ -86,7 +87,7 @@ Result<int> run(const Arguments& arguments, const Context& context) {
                                             *flight->info().origin);
   if (!points) return tl::unexpected(points.error());
   if (!arguments.map.empty()) return compareMap(arguments, *flight, *points, context);
-  auto gl_context = gl::Context::create();
+  auto gl_context = openGpu(context);
   if (!gl_context) return tl::unexpected(gl_context.error());
 
   const auto options = batchOptions(arguments, context);

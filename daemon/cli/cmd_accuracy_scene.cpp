@@ -10,6 +10,7 @@
 #include "capture/import/import_flight.h"
 #include "daemon/cli/progress.h"
 #include "daemon/cli/scene_accuracy.h"
+#include "render/gl/gpu_options.h"
 #include "render/scene/record_scene.h"
 #include "tiling/accuracy/truth_comparison.h"
 
@@ -86,13 +87,14 @@ struct Row {
 };
 
 Result<Row> measure(scene::SceneDescription description, const EffectSet& set,
-                    const tiling::BatchOptions& mapping) {
+                    const tiling::BatchOptions& mapping, const gl::ContextOptions& gpu) {
   description.effects = set.effects;
   auto world = scene::buildWorld(description);
   if (!world) return tl::unexpected(world.error());
   const ScratchFolder scratch;
   StageProgress show(fmt::format("{} ({}): ", description.name, set.name));
   scene::RecordOptions recording;
+  recording.gpu = gpu;
   recording.progress = [&](std::size_t done, std::size_t total, const std::string&) {
     show("rendering frames", done, total);
   };
@@ -100,7 +102,7 @@ Result<Row> measure(scene::SceneDescription description, const EffectSet& set,
   if (!recorded) return tl::unexpected(recorded.error());
   auto flight = capture::importFlight(scratch.path());
   if (!flight) return tl::unexpected(flight.error());
-  auto context = gl::Context::create();
+  auto context = gl::Context::create(gpu);
   if (!context) return tl::unexpected(context.error());
   auto made = tiling::mapFlightToTiles(*context, *flight, mapping,
                                        [&](const std::string& name, std::uint64_t done, std::uint64_t total) {
@@ -181,7 +183,11 @@ void printTableRow(const std::string& scene, const Row& row) {
 
 }  // namespace
 
-Result<int> sceneAccuracy(const SceneAccuracyOptions& options, const tiling::BatchOptions& mapping) {
+Result<int> sceneAccuracy(const SceneAccuracyOptions& options, const tiling::BatchOptions& mapping,
+                          const Context& context) {
+  const auto loaded = loadSettings(context);
+  if (!loaded) return tl::unexpected(loaded.error());
+  const gl::ContextOptions gpu = gl::optionsFrom(loaded->settings.gpu);
   auto description = scene::loadScene(options.scene);
   if (!description) return tl::unexpected(description.error());
   if (options.frames > 0) {
@@ -193,7 +199,7 @@ Result<int> sceneAccuracy(const SceneAccuracyOptions& options, const tiling::Bat
   if (!sets) return tl::unexpected(sets.error());
   nlohmann::json rows = nlohmann::json::array();
   for (const EffectSet& set : *sets) {
-    auto row = measure(*description, set, mapping);
+    auto row = measure(*description, set, mapping, gpu);
     if (!row) return tl::unexpected(row.error());
     if (options.json)
       rows.push_back(asJson(*row));

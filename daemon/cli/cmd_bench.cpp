@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "daemon/cli/command.h"
+#include "daemon/cli/gpu.h"
 #include "daemon/cli/progress.h"
 #include "daemon/tradeoff/adjust_trials.h"
 #include "daemon/tradeoff/codec_trials.h"
@@ -84,7 +85,7 @@ Result<int> tradeoffReport(const Arguments& a, const Context& context) {
   if (a.flights.empty() && a.scenes.empty())
     return fail(ErrorCode::BadSettings, "name at least one --flight DIR or --scene NAME to measure on");
   const int repeats = a.repeats > 0 ? a.repeats : a.quick ? 1 : 3;
-  auto gl_context = gl::Context::create();
+  auto gl_context = openGpu(context);
   if (!gl_context) return tl::unexpected(gl_context.error());
   auto settings = tradeoff::sweepSettings(a.quick);
   const bool sweep_only = a.sweep_only || a.points_only;

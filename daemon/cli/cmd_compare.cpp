@@ -7,6 +7,7 @@
 
 #include "capture/import/import_flight.h"
 #include "daemon/cli/command.h"
+#include "daemon/cli/gpu.h"
 #include "daemon/cli/progress.h"
 #include "tiling/accuracy/aligned_comparison.h"
 #include "tiling/adjust/flight_adjust.h"
@@ -177,7 +178,7 @@ Result<int> compare(const Arguments& arguments, const Context& context) {
   auto recorded = capture::importFlight(arguments.flight, import);
   if (!recorded) return tl::unexpected(recorded.error());
   if (arguments.focal_px > 0) recorded = withNominalLens(*recorded, arguments.focal_px);
-  auto gl_context = gl::Context::create();
+  auto gl_context = openGpu(context);
   if (!gl_context) return tl::unexpected(gl_context.error());
 
   const auto loaded = loadSettings(context);

@@ -11,7 +11,9 @@
 #include "daemon/cli/command.h"
 #include "daemon/page/assets.h"
 #include "render/gl/context.h"
+#include "render/gl/devices.h"
 #include "render/gl/dma_buf.h"
+#include "render/gl/gpu_options.h"
 #include "render/gl/precision.h"
 
 namespace overfly::cli {
@@ -68,17 +70,23 @@ void probe(Check& check, gl::Context& context) {
   }
 }
 
-Check gpu() {
+Check gpu(const config::Gpu& settings) {
   Check out;
   out.name = "GPU";
-  auto context = gl::Context::create();
+  const gl::ContextOptions options = gl::optionsFrom(settings);
+  out.add("devices", gl::describe(gl::listDevices()));
+  out.add("gpu.device", settings.device.empty() ? "any that works" : settings.device);
+  auto context = gl::Context::create(options);
   if (!context) {
     out.worse(Check::State::Problem, context.error().message,
-              "install its driver, or Mesa's software rasteriser (libegl-mesa0, libgl1-mesa-dri)");
+              context.error().code == ErrorCode::BadSettings
+                  ? "set gpu.device to one of them, or leave it empty"
+                  : "install its driver, or Mesa's software rasteriser (libegl-mesa0, libgl1-mesa-dri)");
     return out;
   }
   const gl::DeviceInfo& info = context->info();
-  out.finding = fmt::format("{}, {}", info.renderer, info.version);
+  out.finding =
+      fmt::format("{}, {}{}", info.renderer, info.version, info.node.empty() ? "" : ", " + info.node);
   out.add("platform", gl::platformName(info.platform));
   out.add("vendor", info.vendor);
   out.add("renderer", info.renderer);
@@ -103,11 +111,12 @@ Check gpu() {
 Check builtIn() {
   Check out;
   out.name = "built in";
-  const bool live_page = page::find("/maplibre-gl.js") != nullptr;
-  out.add("operator page", live_page ? "MapLibre GL" : "plain");
-  out.finding = fmt::format("overfly {}, {} operator page", OVERFLY_VERSION, live_page ? "live" : "plain");
-  if (!live_page)
-    out.worse(Check::State::Warning, "the operator page is the plain one",
+  const bool with_terrain = page::find("/maplibre-gl.js") != nullptr;
+  out.add("operator page", with_terrain ? "MapLibre GL" : "flat map alone");
+  out.finding = fmt::format("overfly {}, operator page {}", OVERFLY_VERSION,
+                            with_terrain ? "in 2-D and 3-D" : "in 2-D alone");
+  if (!with_terrain)
+    out.worse(Check::State::Warning, "the operator page has no terrain and no 3-D",
               "build again with nodejs and npm installed");
   return out;
 }
@@ -165,7 +174,7 @@ void build(CLI::App& command, Context& context) {
     if (!loaded) return tl::unexpected(loaded.error());
     const auto& settings = loaded->settings;
     const std::vector<Check> checks{builtIn(),
-                                    gpu(),
+                                    gpu(settings.gpu),
                                     checkCameras(settings),
                                     checkGpio(settings),
                                     checkDisk(settings),

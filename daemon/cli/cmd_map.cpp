@@ -7,6 +7,7 @@
 
 #include "capture/import/import_flight.h"
 #include "daemon/cli/command.h"
+#include "daemon/cli/gpu.h"
 #include "daemon/cli/planar_command.h"
 #include "daemon/cli/progress.h"
 #include "tiling/mapping/batch_map.h"
@@ -55,7 +56,7 @@ Result<int> run(const Arguments& arguments, const Context& context) {
   }
   auto flight = capture::importFlight(arguments.flight);
   if (!flight) return tl::unexpected(flight.error());
-  auto gl_context = gl::Context::create();
+  auto gl_context = openGpu(context);
   if (!gl_context) return tl::unexpected(gl_context.error());
 
   auto loaded = loadSettings(context);
@@ -140,7 +141,8 @@ void build(CLI::App& command, Context& context) {
                    "lay the frames onto level ground instead of finding heights: quick, needs no GPU");
   command.add_option("--tile-size", arguments->tile_size, "texels along a tile's side: 256 or 512")
       ->check(CLI::IsMember({256, 512}));
-  command.add_option("--cache-mb", arguments->cache_mb, "with --planar: decoded frames and tiles kept in memory")
+  command
+      .add_option("--cache-mb", arguments->cache_mb, "with --planar: decoded frames and tiles kept in memory")
       ->check(CLI::Range(8, 65536));
   context.onRun(command, [arguments, ground, &context]() -> Result<int> {
     arguments->ground_given = ground->count() > 0;

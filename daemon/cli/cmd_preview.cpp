@@ -12,6 +12,7 @@
 #include <sstream>
 
 #include "daemon/cli/command.h"
+#include "daemon/cli/gpu.h"
 #include "daemon/cli/progress.h"
 #include "render/preview/previewer.h"
 #include "tiling/preview/frame_projectors.h"
@@ -233,7 +234,7 @@ Result<int> draw(const Context& context, const Arguments& arguments) {
 
   auto source = tiling::StoreTileSource::open(arguments.map);
   if (!source) return tl::unexpected(source.error());
-  auto gl = gl::Context::create();
+  auto gl = openGpu(context);
   if (!gl) return tl::unexpected(gl.error());
   preview::RamCache ram(**source, {.budget_bytes = static_cast<std::size_t>(arguments.memory_mb) << 20});
   preview::Previewer previewer(*gl, ram, {.gpu_bytes = static_cast<std::size_t>(arguments.memory_mb) << 20});

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "daemon/cli/command.h"
+#include "daemon/cli/gpu.h"
 #include "daemon/cli/progress.h"
 #include "render/scene/record_scene.h"
 #include "render/scene/renderer.h"
@@ -32,10 +33,10 @@ Result<std::shared_ptr<const scene::World>> load(const Options& options) {
 }
 
 // The compiled graph, with what each pass costs on this machine: the mean of a few frames.
-Result<int> explain(const std::shared_ptr<const scene::World>& world) {
-  Result<gl::Context> context = gl::Context::create();
-  if (!context) return tl::unexpected<Error>(context.error());
-  Result<std::unique_ptr<scene::Renderer>> renderer = scene::Renderer::create(*context, world);
+Result<int> explain(const std::shared_ptr<const scene::World>& world, const Context& context) {
+  Result<gl::Context> gl = openGpu(context);
+  if (!gl) return tl::unexpected<Error>(gl.error());
+  Result<std::unique_ptr<scene::Renderer>> renderer = scene::Renderer::create(*gl, world);
   if (!renderer) return tl::unexpected<Error>(renderer.error());
   (*renderer)->measure(true);
   constexpr int kWarmUp = 1, kMeasured = 3;
@@ -53,8 +54,7 @@ Result<int> explain(const std::shared_ptr<const scene::World>& world) {
   fmt::print("scene {}: {}x{}, {} frames in {:.1f} s, GSD {:.1f} cm\n", description.name,
              description.camera.width, description.camera.height, frames, (*renderer)->path().duration(),
              100 * (*renderer)->path().gsd());
-  fmt::print("on {}\n\n{:<18} {:<24} {:>9}  {}\n", context->info().renderer, "node", "kind", "ms/frame",
-             "what");
+  fmt::print("on {}\n\n{:<18} {:<24} {:>9}  {}\n", gl->info().renderer, "node", "kind", "ms/frame", "what");
   for (const scene::GraphNode& node : scene::compileGraph(description.effects)) {
     const auto cost = milliseconds.find(node.name);
     fmt::print("{:<18} {:<24} {:>9}  {}\n", node.name, scene::nameOf(node.kind),
@@ -69,8 +69,11 @@ Result<int> explain(const std::shared_ptr<const scene::World>& world) {
 Result<int> record(const Options& options, const std::shared_ptr<const scene::World>& world,
                    const Context& context) {
   std::unique_ptr<Progress> progress;
+  const auto loaded = loadSettings(context);
+  if (!loaded) return tl::unexpected(loaded.error());
   scene::RecordOptions recording;
   recording.live = options.live;
+  recording.gpu = gl::optionsFrom(loaded->settings.gpu);
   recording.progress = [&](std::size_t done, std::size_t total, const std::string& frame) {
     if (!progress) progress = std::make_unique<Progress>("rendering frames", total);
     progress->update(done, frame);
@@ -103,7 +106,7 @@ Result<int> simulate(const Options& options, const Context& context) {
   const Result<std::shared_ptr<const scene::World>> world = load(options);
   if (!world) return tl::unexpected<Error>(world.error());
   if (options.explain) {
-    Result<int> explained = explain(*world);
+    Result<int> explained = explain(*world, context);
     if (!explained || (options.record.empty() && !options.live)) return explained;
   }
   if (!options.record.empty() || options.live) return record(options, *world, context);

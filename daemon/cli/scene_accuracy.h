@@ -2,6 +2,7 @@
 #include <string>
 
 #include "config/error.h"
+#include "daemon/cli/command.h"
 #include "tiling/mapping/batch_map.h"
 
 namespace overfly::cli {
@@ -19,6 +20,6 @@ struct SceneAccuracyOptions {
 // Renders a scene's flight, maps it and compares the map with the scene's truth; prints a row per set of
 // effects. Returns an exit status.
 [[nodiscard]] Result<int> sceneAccuracy(const SceneAccuracyOptions& options,
-                                        const tiling::BatchOptions& mapping);
+                                        const tiling::BatchOptions& mapping, const Context& context);
 
 }  // namespace overfly::cli

@@ -8,7 +8,6 @@
 #include <atomic>
 #include <chrono>
 #include <csignal>
-#include <cstdlib>
 #include <ctime>
 #include <optional>
 
@@ -21,6 +20,7 @@
 #include "daemon/overflyd/missions.h"
 #include "daemon/overflyd/onboard_view.h"
 #include "daemon/overflyd/options.h"
+#include "render/gl/gpu_options.h"
 
 namespace {
 
@@ -126,12 +126,11 @@ int run(const Arguments& arguments) {
   for (const int signal : {SIGINT, SIGTERM, SIGHUP}) sigaddset(&signals, signal);
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
 
-  // Mesa's own switch; read when the first context is made.
-  if (settings.gpu.software) setenv("LIBGL_ALWAYS_SOFTWARE", "1", 1);
-  auto gl = gl::GlThread::start();
+  auto gl = gl::GlThread::start(gl::optionsFrom(settings.gpu));
   if (!gl) return exitStatus(gl.error());
   (*gl)->setPreviewShare(settings.preview.gpu_share);
-  spdlog::info("GPU: {}", (*gl)->info().renderer);
+  const gl::DeviceInfo gpu = (*gl)->info();
+  spdlog::info("GPU: {}{}", gpu.renderer, gpu.node.empty() ? "" : fmt::format(" ({})", gpu.node));
 
   std::atomic<link::LinkServer*> shown{nullptr};  // for commits that come before and after the link's time
   daemon::Missions missions(settings, **gl, make_source, [&shown] {

@@ -60,6 +60,7 @@ Result<std::unique_ptr<capture::FrameSource>> makeSource(const config::Settings&
     case config::SourceKind::Scene: {
       scene::SceneSourceOptions options;
       options.speed = source.speed;
+      options.gpu.device = settings.gpu.device;
       return std::make_unique<scene::SceneSource>(source.path, options);
     }
     case config::SourceKind::V4l2:

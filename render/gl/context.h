@@ -12,6 +12,7 @@ namespace overfly::gl {
 
 struct ContextOptions {
   std::optional<Platform> platform;  // absent: the first that works, hardware before software
+  std::string device;                // this one alone, as pickDevice() reads it; empty: any
 #ifdef NDEBUG
   bool debug = false;
 #else
@@ -27,7 +28,8 @@ struct ContextOptions {
 // shells whose destruction is harmless.
 class Context {
  public:
-  // Unsupported with the reasons of every platform tried when no OpenGL ES 3.1 can be had.
+  // Unsupported with the reasons of every platform tried when no OpenGL ES 3.1 can be had; BadSettings with
+  // the devices that there are when the one asked for is not among them or cannot be used.
   [[nodiscard]] static Result<Context> create(const ContextOptions& options = {});
   ~Context();
   Context(Context&&) noexcept;

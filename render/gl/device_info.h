@@ -39,6 +39,7 @@ struct FormatSupport {
 // A plain report of the chosen device, for `overfly doctor`, logs and decisions.
 struct DeviceInfo {
   Platform platform = Platform::Surfaceless;
+  std::string node;  // "/dev/dri/renderD128"; empty: none, or the driver does not tell
   std::string vendor;
   std::string renderer;
   std::string version;  // "OpenGL ES 3.2 Mesa 22.3.6"

@@ -70,7 +70,8 @@ capture::FlightInfo infoOf(const World& world, const std::string& source) {
 
 Result<RecordedScene> recordScene(const std::shared_ptr<const World>& world,
                                   const std::filesystem::path& folder, const RecordOptions& options) {
-  SceneSource source(world, {.speed = options.live ? 1.0 : 0.0, .live_clock = options.live});
+  SceneSource source(world,
+                     {.speed = options.live ? 1.0 : 0.0, .live_clock = options.live, .gpu = options.gpu});
   const auto start = std::chrono::steady_clock::now();
   if (const Result<void> opened = source.open(); !opened) return tl::unexpected<Error>(opened.error());
   std::optional<capture::FlightRecorder> recorder;

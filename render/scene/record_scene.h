@@ -5,6 +5,7 @@
 #include <memory>
 #include <string>
 
+#include "render/gl/context.h"
 #include "render/scene/flight_plan.h"
 #include "render/scene/world.h"
 
@@ -12,6 +13,7 @@ namespace overfly::scene {
 
 struct RecordOptions {
   bool live = false;  // at true speed and with this machine's clock; else as fast as frames are made
+  gl::ContextOptions gpu = {};  // what renders
   std::function<void(std::size_t done, std::size_t total, const std::string& frame)> progress;
 };
 

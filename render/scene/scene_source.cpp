@@ -99,7 +99,7 @@ void SceneSource::State::renderAll(const std::stop_token& stop) {
     finished = true;
     changed.notify_all();
   };
-  Result<gl::Context> context = gl::Context::create();
+  Result<gl::Context> context = gl::Context::create(options.gpu);
   if (!context) {
     push(fail(ErrorCode::Unavailable, context.error().message), stop);
     return done();

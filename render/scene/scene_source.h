@@ -3,6 +3,7 @@
 #include <memory>
 
 #include "capture/frame_source.h"
+#include "render/gl/context.h"
 #include "render/scene/flight_plan.h"
 #include "render/scene/world.h"
 
@@ -13,6 +14,7 @@ struct SceneSourceOptions {
   bool live_clock =
       false;      // times are this machine's CLOCK_BOOTTIME from open() on; else those of a fixed day
   int ahead = 2;  // frames rendered before they are asked for; raising it costs memory
+  gl::ContextOptions gpu = {};  // what renders
 };
 
 // A simulated flight as a FrameSource. A thread of its own owns the GL context and renders ahead; next()

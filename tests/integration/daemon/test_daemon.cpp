@@ -417,5 +417,14 @@ TEST_F(Daemon, WrongSettingsEndItForGood) {
   EXPECT_THAT(daemon.log(), HasSubstr("did you mean sweep.images"));
 }
 
+TEST_F(Daemon, AGpuThatIsNotThereEndsItWithTheListOfThoseThatAre) {
+  DaemonProcess daemon(0, "[gpu]\ndevice = \"/dev/dri/renderD200\"\n");
+  daemon.start();
+  EXPECT_EQ(daemon.wait(60s), 2);
+  EXPECT_THAT(daemon.log(), HasSubstr("gpu.device: there is no \"/dev/dri/renderD200\" here; found 0: "));
+  daemon.start({"--set", "gpu.device=0", "--exit-when-done"});
+  EXPECT_EQ(daemon.wait(240s), 0) << daemon.log();
+}
+
 }  // namespace
 }  // namespace overfly::test

@@ -60,6 +60,23 @@ TEST(Doctor, WhatTheSettingsAskForAndIsNotThereIsAProblem) {
   EXPECT_EQ(serial.json["autopilot"]["state"], "PROBLEM");
 }
 
+TEST(Doctor, ListsTheGpusAndTakesTheOneThatIsNamed) {
+  const auto any = doctor("--json");
+  const auto& devices = any.json["GPU"]["devices"];
+  ASSERT_TRUE(devices.is_array() && !devices.empty()) << any.text;
+  const std::string first = devices[0];
+  EXPECT_EQ(first.rfind("0: ", 0), 0u) << first;
+  const auto named = doctor("--json --set gpu.device=0");
+  EXPECT_NE(named.json["GPU"]["state"], "PROBLEM") << named.text;
+  EXPECT_NE(first.find(named.json["GPU"]["renderer"].get<std::string>()), std::string::npos) << named.text;
+  const auto missing = doctor("--json --set gpu.device=/dev/dri/renderD200");
+  EXPECT_EQ(missing.status, 1);
+  EXPECT_EQ(missing.json["GPU"]["state"], "PROBLEM");
+  const std::string finding = missing.json["GPU"]["finding"];
+  EXPECT_NE(finding.find("/dev/dri/renderD200"), std::string::npos) << finding;
+  EXPECT_NE(finding.find(first), std::string::npos) << finding;
+}
+
 TEST(Doctor, AnAutopilotIsHeardOrSilent) {
   const int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   sockaddr_in to{};
