@@ -76,6 +76,15 @@ class LinkBackend {
   }
   [[nodiscard]] virtual PreviewLimits previewLimits() const { return {}; }
 
+  // JSON: the points of accuracy against time that tiles may be made at (docs/link.md, /front). Unsupported:
+  // no tiles are made here; Unavailable: not yet.
+  [[nodiscard]] virtual Result<std::string> frontJson() const {
+    return fail(ErrorCode::Unsupported,
+                "tiles are made by the daemon on board, not where a map is only shown");
+  }
+
+  // Whether startMission() and stopMission() do anything.
+  [[nodiscard]] virtual bool changesMissions() const { return false; }
   // Starts or ends a mission on a client's word; Unsupported where that is not for the link to do.
   [[nodiscard]] virtual Result<Mission> startMission(const std::string& /*name*/) {
     return fail(ErrorCode::Unsupported, "missions cannot be started here");

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "daemon/overflyd/live.h"
@@ -106,6 +107,27 @@ std::string Backend::statusJson() const {
   if (const auto pipeline = missions_.current(); pipeline && pipeline->live() != nullptr)
     json["live"] = liveJson(pipeline->live()->status());
   return json.dump();
+}
+
+Result<std::string> Backend::frontJson() const {
+  const PipelineStatus s = status();
+  const QualityStatus& quality = s.quality;
+  if (!quality.front) return fail(ErrorCode::Unavailable, "no mission has begun to map yet");
+  auto points = nlohmann::json::array();
+  for (std::size_t i = 0; i < quality.front->size(); ++i) {
+    const OperatingPoint& point = (*quality.front)[i];
+    points.push_back({{"name", point.name},
+                      {"nmad_gsd", point.nmad_gsd},
+                      {"complete", point.complete},
+                      {"error_gsd", point.error()},
+                      {"relative_time", point.relative_time},
+                      {"cell_s", quality.front_cell_s[i]}});
+  }
+  return nlohmann::json{{"mode", quality.mode},
+                        {"aim_s", std::isfinite(quality.aim_s) ? nlohmann::json(quality.aim_s) : nullptr},
+                        {"index", quality.index},
+                        {"points", points}}
+      .dump();
 }
 
 std::string Backend::metricsText() const {

@@ -14,6 +14,7 @@ class Backend final : public link::LinkBackend {
 
   [[nodiscard]] std::vector<link::Mission> missions() const override;
   [[nodiscard]] std::string statusJson() const override;
+  [[nodiscard]] Result<std::string> frontJson() const override;
   [[nodiscard]] std::string metricsText() const override;
   [[nodiscard]] link::Health health() const override;
   void interest(const geo::TileKey& key) override;
@@ -22,6 +23,7 @@ class Backend final : public link::LinkBackend {
     return view_.draw(mission.map, view);
   }
   [[nodiscard]] link::PreviewLimits previewLimits() const override { return view_.limits(); }
+  [[nodiscard]] bool changesMissions() const override { return true; }
   [[nodiscard]] Result<link::Mission> startMission(const std::string& name) override;
   [[nodiscard]] Result<void> stopMission() override { return missions_.stop(); }
 

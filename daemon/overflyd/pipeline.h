@@ -48,6 +48,9 @@ struct QualityStatus {
   std::uint64_t changes = 0;     // of the point, since the start
   double headroom = 1;           // below 1: throttled by heat
   std::string throttled;         // who says so
+  double aim_s = 0;              // from a frame to its tiles, that the settings aim at; may be infinite
+  std::shared_ptr<const OperatingTable> front;  // null: mapping has not begun
+  std::vector<double> front_cell_s;             // cell_s of each of its points
 };
 
 // How far the pipeline is. Copied out under a lock; times are seconds.
@@ -272,7 +275,7 @@ class Pipeline {
   tiling::MapperOptions as_set_;
   config::Quality quality_;
   std::string renderer_;
-  std::optional<OperatingTable> table_;
+  std::shared_ptr<const OperatingTable> table_;
   std::unique_ptr<Governor> governor_;
   std::map<geo::TileKey, std::size_t> cheap_;  // cells last swept below the last point, and where
   std::set<geo::TileKey> improving_;           // of these, due again

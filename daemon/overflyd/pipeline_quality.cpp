@@ -73,7 +73,7 @@ void Pipeline::beginGoverning(const std::string& renderer) {
   as_set_ = tiling::mapperOptions(settings);
   quality_ = settings.quality;
   renderer_ = renderer;
-  table_.emplace(tableIn(deviceFolder(settings)));
+  table_ = std::make_shared<const OperatingTable>(tableIn(deviceFolder(settings)));
   governor_ = std::make_unique<Governor>(*table_, governorOptions(quality_),
                                          knownSpeed(deviceFolder(settings), renderer));
 }
@@ -189,6 +189,10 @@ QualityStatus Pipeline::qualityStatus() const {
   status.changes = governor_->changes();
   status.headroom = throttling_.headroom;
   status.throttled = throttling_.reason;
+  status.aim_s = governorOptions(quality_).latency_s;
+  status.front = table_;
+  for (std::size_t i = 0; i < table_->size(); ++i)
+    status.front_cell_s.push_back(governor_->secondsPerCell(i));
   return status;
 }
 

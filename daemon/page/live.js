@@ -1,6 +1,7 @@
 // What the server says is new: one event stream, reconnected by the browser, and its silence noticed.
 export class Live {
-  // on: {change(tiles), resync(), mission(), status(object), contact(seconds)}
+  // on: {change(tiles), resync(), mission(), status(object), contact(seconds), silent()}; silent(), when there is
+  // no stream to be had, promises whether the server answers all the same
   constructor(on) {
     this.on = on;
     this.last = performance.now();
@@ -25,7 +26,10 @@ export class Live {
     // a browser gives up for good on some errors; so do we not
     this.stream.onerror = () => {
       if (this.stream.readyState !== EventSource.CLOSED) return;
-      setTimeout(() => this.open(), 2000);
+      setTimeout(async () => {
+        if (await this.on.silent()) this.last = performance.now();
+        this.open();
+      }, 2000);
     };
   }
 }

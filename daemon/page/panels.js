@@ -17,8 +17,8 @@ export function note(text, seconds = 4) {
 const short = (n) => n === undefined ? '–' : n < 10000 ? String(n) : n < 1e6 ? `${(n / 1e3).toFixed(1)}k` : `${(n / 1e6).toFixed(1)}M`;
 
 export function showStatus(status) {
-  const frames = status.frames?.seen ?? status.map?.frames;
-  $('frames').textContent = short(frames);
+  // what came since the daemon's start, or what the map has from before
+  $('frames').textContent = short(Math.max(status.frames?.seen ?? 0, status.map?.frames ?? 0));
   $('tiles').textContent = short(status.map?.tiles);
   const lag = status.lag_s;
   const known = typeof lag === 'number';
@@ -28,10 +28,11 @@ export function showStatus(status) {
   gauge.style.background = `var(--${lag < 5 ? 'good' : lag < 20 ? 'fair' : 'bad'})`;
 }
 
-export function showContact(seconds, live) {
+export function showContact(seconds, live, hasMission) {
   const state = $('state');
   const say = (is, text) => { state.dataset.is = is; state.querySelector('span').textContent = text; };
   if (seconds > 4) say('lost', `no contact for ${Math.round(seconds)} s`);
+  else if (!hasMission) say('none', 'ready for a mission');
   else if (live) say('live', 'mapping live');
   else say('done', 'finished map');
 }
@@ -65,16 +66,14 @@ export function showLegend(layers) {
   $('legend').hidden = parts.length === 0;
 }
 
-export function fillMissions(list, selected) {
-  const select = $('mission');
-  select.replaceChildren(...list.map((m) => {
-    const option = document.createElement('option');
-    option.value = m.id;
-    option.textContent = m.name + (m.live ? ' · live' : '');
-    option.selected = m.id === selected;
-    return option;
-  }));
-  select.disabled = list.length < 2;
+// Opens a panel in the place of any other, or closes it.
+export function openOne(id) {
+  const opens = $(id).hidden;
+  for (const button of document.querySelectorAll('[aria-controls]')) {
+    const panel = button.getAttribute('aria-controls');
+    $(panel).hidden = panel !== id || !opens;
+    button.setAttribute('aria-expanded', String(!$(panel).hidden));
+  }
 }
 
 export function theme(next) {

@@ -144,6 +144,7 @@ Response Routes::answer(Request request) {
   if (path == "/healthz") return health();
   if (path == "/metrics") return metrics();
   if (path == "/status") return status();
+  if (path == "/front") return front();
   const bool of_map = path.starts_with("/tiles") || path == "/wmts" || path.starts_with("/wmts/") ||
                       path == "/height" || path == "/changes" || path == "/bundle" || path == "/events" ||
                       path == "/track" || path == "/plan" || path == "/coverage.json" ||

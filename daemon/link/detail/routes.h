@@ -111,6 +111,7 @@ class Routes {
   Response missions(const Request& request);
   Response changeMission(const Request& request);
   Response status();
+  Response front();
   Response metrics();
   Response health();
   Response page(const Request& request);

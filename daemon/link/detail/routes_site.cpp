@@ -33,7 +33,8 @@ void replaceAll(std::string& text, std::string_view from, std::string_view to) {
 Response Routes::missions(const Request&) {
   auto list = nlohmann::json::array();
   for (const auto& mission : backend_->missions()) list.push_back(missionJson(mission));
-  auto out = Response::json(nlohmann::json{{"missions", list}}.dump());
+  auto out =
+      Response::json(nlohmann::json{{"missions", list}, {"changeable", backend_->changesMissions()}}.dump());
   out.headers.emplace_back("Cache-Control", "no-cache");
   return out;
 }
@@ -93,6 +94,14 @@ std::string Routes::statusText() {
 
 Response Routes::status() {
   auto out = Response::json(statusText());
+  out.headers.emplace_back("Cache-Control", "no-cache");
+  return out;
+}
+
+Response Routes::front() {
+  auto front = backend_->frontJson();
+  if (!front) return failure(front.error());
+  auto out = Response::json(std::move(*front));
   out.headers.emplace_back("Cache-Control", "no-cache");
   return out;
 }

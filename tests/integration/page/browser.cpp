@@ -15,7 +15,7 @@ constexpr long kPatience_ms = 120000;  // software rendering on a busy machine
 
 }  // namespace
 
-std::unique_ptr<Browser> Browser::start(int width, int height, std::string& problem) {
+std::unique_ptr<Browser> Browser::start(int width, int height, std::string& problem, bool webgl) {
   if (access(kDriver, X_OK) != 0 || access("/usr/bin/chromium", X_OK) != 0) {
     problem = "chromium and chromium-driver are not installed";
     return nullptr;
@@ -30,19 +30,27 @@ std::unique_ptr<Browser> Browser::start(int width, int height, std::string& prob
     }
   port = port.substr(0, port.find_first_not_of("0123456789"));
   const auto base = "http://127.0.0.1:" + port + "/session";
+  std::vector<std::string> flags{"--headless=new",
+                                 "--no-sandbox",
+                                 "--disable-dev-shm-usage",
+                                 "--hide-scrollbars",
+                                 "--disable-extensions",
+                                 "--disable-background-networking",
+                                 "--no-first-run",
+                                 "--force-device-scale-factor=1",
+                                 "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",
+                                 "--window-size=" + std::to_string(width) + "," + std::to_string(height)};
+  if (webgl)
+    flags.insert(flags.end(),
+                 {"--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"});
+  else
+    flags.insert(flags.end(), {"--disable-gpu", "--disable-3d-apis"});
   const nlohmann::json wanted{
       {"capabilities",
        {{"alwaysMatch",
          {{"browserName", "chrome"},
           {"goog:loggingPrefs", {{"performance", "ALL"}}},
-          {"goog:chromeOptions",
-           {{"binary", "/usr/bin/chromium"},
-            {"args",
-             {"--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",
-              "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--hide-scrollbars",
-              "--disable-extensions", "--disable-background-networking", "--no-first-run",
-              "--force-device-scale-factor=1", "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",
-              "--window-size=" + std::to_string(width) + "," + std::to_string(height)}}}}}}}}};
+          {"goog:chromeOptions", {{"binary", "/usr/bin/chromium"}, {"args", flags}}}}}}}};
   const auto answer = fetch(base, {"Content-Type: application/json"}, "POST", wanted.dump(), kPatience_ms);
   const auto node = nlohmann::json::parse(answer.body, nullptr, false);
   if (answer.status != 200 || !node.is_object()) {
@@ -94,6 +102,20 @@ void Browser::resize(int width, int height) {
   const auto inner = run("return [innerWidth, innerHeight]");
   command("POST", "/window/rect",
           {{"width", 2 * width - inner[0].get<int>()}, {"height", 2 * height - inner[1].get<int>()}});
+}
+
+void Browser::drag(int from_x, int from_y, int to_x, int to_y) {
+  const auto move = [](int x, int y, int ms) {
+    return nlohmann::json{{"type", "pointerMove"}, {"x", x}, {"y", y}, {"duration", ms}};
+  };
+  auto steps = nlohmann::json::array({move(from_x, from_y, 0), {{"type", "pointerDown"}, {"button", 0}}});
+  if (from_x != to_x || from_y != to_y) steps.push_back(move(to_x, to_y, 300));
+  steps.push_back({{"type", "pointerUp"}, {"button", 0}});
+  const nlohmann::json finger{{"type", "pointer"},
+                              {"id", "finger"},
+                              {"parameters", {{"pointerType", "touch"}}},
+                              {"actions", std::move(steps)}};
+  command("POST", "/actions", {{"actions", nlohmann::json::array({finger})}});
 }
 
 std::vector<std::string> Browser::requests() {

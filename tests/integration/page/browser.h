@@ -17,8 +17,8 @@ struct Picture {
 // Headless Chromium by ChromeDriver (W3C WebDriver). Software rendering, and no name is ever resolved.
 class Browser {
  public:
-  // nullopt with the reason when there is none on this machine.
-  static std::unique_ptr<Browser> start(int width, int height, std::string& problem);
+  // Null with the reason when there is none on this machine. `webgl`: false takes it away from all pages.
+  static std::unique_ptr<Browser> start(int width, int height, std::string& problem, bool webgl = true);
   ~Browser();
   Browser(const Browser&) = delete;
   Browser& operator=(const Browser&) = delete;
@@ -29,6 +29,8 @@ class Browser {
   [[nodiscard]] std::string screenshotPng();
   [[nodiscard]] Picture screenshot();
   void resize(int width, int height);
+  // A finger from one place of the page to another, in CSS pixels; the same place is a tap.
+  void drag(int from_x, int from_y, int to_x, int to_y);
   // Addresses of all requests since the last call.
   std::vector<std::string> requests();
 
