@@ -47,6 +47,10 @@ class Seen : public testing::Test {
       std::ofstream(std::filesystem::path(folder) / (name + ".png"), std::ios::binary)
           << browser_->screenshotPng();
   }
+  // A browser prefers dark or light as its desktop does.
+  void beDark() {
+    if (browser_->run("return document.documentElement.dataset.theme") != "dark") click("#theme");
+  }
   void click(const std::string& selector) {
     browser_->run("document.querySelector('" + selector + "').click()");
   }
@@ -183,8 +187,7 @@ TEST_F(Page, PixelsChangeWhenTilesArriveAndNoRequestLeavesTheMachine) {
 }
 
 TEST_F(Page, ControlsShowWhatTheySay) {
-  // A browser prefers dark or light as its desktop does.
-  if (browser_->run("return document.documentElement.dataset.theme") != "dark") click("#theme");
+  beDark();
   for (int x = 0; x < 4; ++x) map_->make({{x, 2}, {x, 3}});
   auto shown = settled();
   const auto changes = [&](const std::string& name, const std::string& selector) {
@@ -383,6 +386,7 @@ TEST_F(LivePage, TheAccuracyPanelShowsThePointTheLagAndWhatWaits) {
   ASSERT_TRUE(becomes([&] { return still(); }, 180s)) << "the map never came";
   const auto front = answer("front");
   ASSERT_TRUE(front.is_object() && front["points"].size() > 4) << front.dump();
+  beDark();
   click("#accuracy");
   const auto points = front["points"].size();
   EXPECT_TRUE(becomes(
