@@ -5,10 +5,14 @@
 
 #include "daemon/overflyd/onboard_photographs.h"
 #include "render/preview/previewer.h"
+#include "render/preview/projector_textures.h"
 #include "tiling/preview/store_tile_source.h"
 
 namespace overfly::daemon {
 namespace {
+
+// The link knows nothing of the preview.
+static_assert(link::PreviewView::kMostPhotos == preview::ProjectorTextures::kMost);
 
 using namespace std::chrono_literals;
 
