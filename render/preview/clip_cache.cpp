@@ -7,6 +7,8 @@
 namespace overfly::preview {
 namespace {
 
+constexpr int kSpared = 6;  // of a budget's parts, one
+
 std::size_t at(int x, int y, int stride) {
   return static_cast<std::size_t>(y) * static_cast<std::size_t>(stride) + static_cast<std::size_t>(x);
 }
@@ -240,7 +242,9 @@ bool ClipCache::current(const Wanted& wanted) const {
 }
 
 bool ClipCache::spent(const Budget& budget, Clock::time_point begin, int steps) const {
-  return steps > 0 && (clock_() - begin + cost_ > budget.time || steps >= budget.uploads);
+  // What an upload takes is known from those before it: a part is left for the one that takes longer.
+  return steps > 0 &&
+         (clock_() - begin + cost_ + budget.time / kSpared > budget.time || steps >= budget.uploads);
 }
 
 void ClipCache::timed(const std::function<void()>& upload) {

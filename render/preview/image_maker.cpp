@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "render/preview/give_way.h"
+
 namespace overfly::preview {
 
 bool ImageMaker::add(Job job) {
@@ -32,6 +34,7 @@ std::optional<ImageMaker::Made> ImageMaker::take() {
 }
 
 void ImageMaker::serve(const std::stop_token& stop) {
+  giveWay();
   while (!stop.stop_requested()) {
     Made made;
     {

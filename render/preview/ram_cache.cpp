@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "render/preview/give_way.h"
+
 namespace overfly::preview {
 
 RamCache::RamCache(TileSource& source, const Options& options) : source_(source), options_(options) {
@@ -206,6 +208,7 @@ void RamCache::startLoading(std::chrono::milliseconds poll_interval) {
 }
 
 void RamCache::serve(const std::stop_token& stop, std::chrono::milliseconds poll_interval) {
+  giveWay();
   Clock::time_point next_poll = Clock::now();
   while (!stop.stop_requested()) {
     if (Clock::now() >= next_poll) {
