@@ -180,7 +180,7 @@ Result<Flight> importCsv(const std::filesystem::path& folder, const ImportOption
       continue;
     }
     FlightFrame entry;
-    entry.file = folder / "images" / file;
+    entry.file = (folder / "images" / file).string();
     Frame& frame = entry.frame;
     frame.sequence = row;
     frame.name = name;
@@ -203,10 +203,10 @@ Result<Flight> importCsv(const std::filesystem::path& folder, const ImportOption
       frame.pose = *pose;
       frame.pose_is_adjusted = true;
     }
-    if (!raw.empty()) entry.raw = raw;
+    if (!raw.empty()) entry.raw = std::make_shared<const RawTelemetry>(raw);
     std::error_code code;
     if (!std::filesystem::is_regular_file(entry.file, code)) {
-      skip(fmt::format("there is no image {}", entry.file.string()));
+      skip(fmt::format("there is no image {}", entry.file));
       continue;
     }
     frames.push_back(std::move(entry));

@@ -140,7 +140,7 @@ Result<Flight> importJpegs(const std::filesystem::path& folder, const ImportOpti
   for (std::size_t i = 0; i < images.size(); ++i) {
     const JpegTags& tags = images[i].tags;
     FlightFrame entry;
-    entry.file = images[i].file;
+    entry.file = images[i].file.string();
     Frame& frame = entry.frame;
     frame.sequence = i;
     frame.name = images[i].file.filename().string();
@@ -151,7 +151,7 @@ Result<Flight> importJpegs(const std::filesystem::path& folder, const ImportOpti
     frame.image.width = tags.width;
     frame.image.height = tags.height;
     frame.datum = info.datum;
-    if (!tags.raw.empty()) entry.raw = tags.raw;
+    if (!tags.raw.empty()) entry.raw = std::make_shared<const RawTelemetry>(tags.raw);
     frame.pose = devicePose(tags.raw, frame.time_ns);
     if (frame.pose && checkPose(*frame.pose)) frame.pose.reset();
     int revision = 0;

@@ -37,17 +37,18 @@ Flight::Flight(FlightInfo info, std::vector<FlightCamera> cameras, std::vector<F
     return std::tie(a.frame.time_ns, a.frame.sequence) < std::tie(b.frame.time_ns, b.frame.sequence);
   });
   std::map<std::string, std::int64_t> last_time;  // by camera
-  frames_.reserve(frames.size());
-  for (FlightFrame& frame : frames) {
+  std::erase_if(frames, [&](const FlightFrame& frame) {
     const auto [last, first] = last_time.try_emplace(frame.frame.camera_id, frame.frame.time_ns);
     if (!first && frame.frame.time_ns <= last->second) {
       ++skipped_;
       warn(warnings_, fmt::format("frame {} has the same time as the one before it", frame.frame.name));
-      continue;
+      return true;
     }
     last->second = frame.frame.time_ns;
-    frames_.push_back(std::move(frame));
-  }
+    return false;
+  });
+  frames.shrink_to_fit();
+  frames_ = std::move(frames);
 }
 
 Result<Flight> Flight::open(const std::filesystem::path& folder) {
@@ -80,7 +81,7 @@ Result<Flight> Flight::open(const std::filesystem::path& folder) {
     auto frame = detail::frameFromLine(line, *cameras, info->datum, folder / "images");
     if (frame) {
       // A later line of the same image is the frame with the pose that came after it.
-      const auto [at, fresh] = by_file.try_emplace(frame->file.string(), frames.size());
+      const auto [at, fresh] = by_file.try_emplace(frame->file, frames.size());
       if (fresh) {
         frames.push_back(std::move(*frame));
       } else {
@@ -100,7 +101,7 @@ Result<FramePtr> Flight::load(std::size_t index) const {
   auto bytes = readFile(entry.file, detail::kMaxImageBytes);
   if (!bytes) return tl::unexpected(bytes.error());
   const auto wrong = [&](ErrorCode code, const std::string& what) {
-    return fail(code, fmt::format("{}: {}", entry.file.string(), what));
+    return fail(code, fmt::format("{}: {}", entry.file, what));
   };
   if (entry.bytes && bytes->size() != *entry.bytes) {
     return wrong(ErrorCode::Corrupt,

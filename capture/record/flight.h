@@ -25,6 +25,7 @@ struct RawTelemetry {
   [[nodiscard]] bool empty() const { return *this == RawTelemetry{}; }
   friend bool operator==(const RawTelemetry&, const RawTelemetry&) = default;
 };
+using TelemetryPtr = std::shared_ptr<const RawTelemetry>;  // null: none was recorded
 
 // What holds for a flight as a whole.
 struct FlightInfo {
@@ -48,11 +49,11 @@ struct FlightCamera {
 
 // One frame of a flight: everything but its pixels.
 struct FlightFrame {
-  Frame frame;  // image.bytes is empty; image's format and size are what the table or camera says
-  std::filesystem::path file;
+  Frame frame;       // image.bytes is empty; image's format and size are what the table or camera says
+  std::string file;  // path of the image
   std::optional<std::uint64_t> bytes;  // size of the file as recorded
   std::optional<std::uint32_t> crc;    // CRC-32 of the file as recorded
-  std::optional<RawTelemetry> raw;
+  TelemetryPtr raw;
 };
 
 // A flight that lies on a disk: its table in memory, its images read when asked for. Frames are in time

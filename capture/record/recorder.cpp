@@ -92,7 +92,7 @@ class FlightRecorder::Files {
     return files;
   }
 
-  Result<void> record(const Frame& frame, const std::optional<RawTelemetry>& raw) {
+  Result<void> record(const Frame& frame, const TelemetryPtr& raw) {
     if (const auto problem = problemOf(frame.image)) return fail(ErrorCode::BadInput, *problem);
     if (const auto problem = frame.camera.problem()) return fail(ErrorCode::BadInput, *problem);
     const Image& pixels = frame.image;
@@ -184,11 +184,10 @@ class FlightRecorder::Files {
     std::string file;
     std::uint64_t bytes = 0;
     std::uint32_t crc = 0;
-    std::optional<RawTelemetry> raw;
+    TelemetryPtr raw;
   };
 
-  void keepUnposed(const Frame& frame, int revision, const std::string& file,
-                   const std::optional<RawTelemetry>& raw) {
+  void keepUnposed(const Frame& frame, int revision, const std::string& file, const TelemetryPtr& raw) {
     Unposed one;
     one.frame.sequence = frame.sequence;
     one.frame.name = frame.name;
@@ -288,7 +287,7 @@ Result<FlightRecorder> FlightRecorder::create(const std::filesystem::path& folde
   return FlightRecorder(std::move(*files));
 }
 
-Result<void> FlightRecorder::record(const Frame& frame, const std::optional<RawTelemetry>& raw) {
+Result<void> FlightRecorder::record(const Frame& frame, const TelemetryPtr& raw) {
   return files_->record(frame, raw);
 }
 Result<void> FlightRecorder::record(const RawInput& input) { return files_->record(input); }

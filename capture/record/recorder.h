@@ -31,7 +31,7 @@ class FlightRecorder {
   ~FlightRecorder();  // closes
 
   // BadInput: the frame's image or camera cannot be kept (empty, wrong stride, wrong model); Io.
-  [[nodiscard]] Result<void> record(const Frame& frame, const std::optional<RawTelemetry>& raw = {});
+  [[nodiscard]] Result<void> record(const Frame& frame, const TelemetryPtr& raw = nullptr);
   [[nodiscard]] Result<void> record(const RawInput& input);
   // The pose of a frame that was recorded without one (of the last 4,096 such frames): a further line for the
   // same image. NotFound: no such frame waits for a pose; Io.

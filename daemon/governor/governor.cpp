@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace overfly::daemon {
 namespace {
@@ -11,8 +12,14 @@ constexpr double kNever = -std::numeric_limits<double>::infinity();
 constexpr double kLearning = 1.0 / 12;
 // The other work comes in bursts (a batch's colours after its sweeps): averaged over about this many cells.
 constexpr double kForgetting = 1.0 / 40;
-// Shares of the latency and of the time that a point may use: to stay, and (less, hence hysteresis) to rise.
-constexpr double kStayUse = 1.0, kFitUse = 0.85, kRiseUse = 0.7, kRiseLatency = 0.4;
+// Shares of the latency and of the time that a point may use: to be gone down to, and (less, hence
+// hysteresis) up to.
+constexpr double kFitUse = 0.85, kRiseUse = 0.7, kRiseLatency = 0.4;
+// The first cells compile shaders and fill caches: nothing is concluded before so many cells, or this share
+// of the latency spent on them.
+constexpr int kFirstCells = 8;
+constexpr double kFirstShare = 0.5;
+constexpr double kLeastLeft = 0.05;  // of the time, whatever frames and heat take
 
 }  // namespace
 
@@ -40,6 +47,7 @@ Governor::Governor(const OperatingTable& table, const GovernorOptions& options, 
       options_(options),
       point_(table.size() - 1),
       device_s_(device_s),
+      known_before_(device_s > 0),
       raised_s_(kNever),
       room_since_s_(kNever),
       patience_s_(options.patience_s) {}
@@ -52,21 +60,36 @@ double Governor::secondsPerCell(std::size_t point) const {
 void Governor::swept(std::size_t point, double seconds) {
   if (!(seconds > 0) || !std::isfinite(seconds)) return;
   const double at_best = seconds / (*table_)[point].relative_time;
-  device_s_ = device_s_ > 0 ? device_s_ + kLearning * (at_best - device_s_) : at_best;
+  if (!known()) {
+    ++first_cells_;
+    first_cells_s_ += seconds;
+  }
+  // A mean of the first cells but for the very first, unless an earlier run knew better.
+  const double weight =
+      known_before_ ? kLearning : std::clamp(1.0 / std::max(first_cells_ - 1, 1), kLearning, 1.0);
+  device_s_ += weight * (at_best - device_s_);
   other_s_ *= 1 - kForgetting;
   recent_cells_ = (1 - kForgetting) * recent_cells_ + 1;
 }
 
+double Governor::speed(const Load& load) const {
+  return options_.share * std::max(load.headroom, kLeastLeft);
+}
+
 double Governor::drain(std::size_t point, const Load& load) const {
-  return load.waiting_cells * secondsPerCell(point) / (options_.share * std::max(load.headroom, 0.05));
+  return load.waiting_cells * secondsPerCell(point) / (speed(load) * std::max(1 - frames_share_, kLeastLeft));
 }
 
 double Governor::utilisation(std::size_t point, const Load& load) const {
-  return rate_ * secondsPerCell(point) / (options_.share * std::max(load.headroom, 0.05));
+  return rate_ * secondsPerCell(point) / speed(load) + frames_share_;
 }
 
 bool Governor::affordable(std::size_t point) const {
   return point == 0 || secondsPerCell(point) <= options_.s_per_cell;
+}
+
+bool Governor::known() const {
+  return first_cells_ >= kFirstCells || first_cells_s_ > kFirstShare * options_.latency_s;
 }
 
 std::size_t Governor::decide(const Load& load) {
@@ -74,11 +97,15 @@ std::size_t Governor::decide(const Load& load) {
     begun_ = true;
     last_s_ = changed_s_ = load.now_s;
     last_due_ = load.cells_due;
+    frames_s_ = 0;  // with them the map's ground was found and shaders were compiled
   }
   if (const double elapsed = load.now_s - last_s_; elapsed > 0) {
     const double now_rate =
         static_cast<double>(load.cells_due - std::min(last_due_, load.cells_due)) / elapsed;
-    rate_ += (1 - std::exp(-elapsed / options_.averaging_s)) * (now_rate - rate_);
+    const double weight = 1 - std::exp(-elapsed / options_.averaging_s);
+    rate_ += weight * (now_rate - rate_);
+    frames_share_ += weight * (std::min(std::exchange(frames_s_, 0.0) / elapsed, 1.0) - frames_share_);
+    if (load.landed) frames_share_ = 0;
     last_s_ = load.now_s;
     last_due_ = load.cells_due;
   }
@@ -94,11 +121,11 @@ std::size_t Governor::decide(const Load& load) {
            drain(point, load) <= latency * options_.latency_s;
   };
   const bool dear = !affordable(point_);
-  // Falling behind is a queue that is too long already, or that grows and is on its way there.
-  const bool behind =
-      drain(point_, load) > options_.latency_s ||
-      (utilisation(point_, load) > kStayUse && drain(point_, load) > 0.5 * options_.latency_s);
-  if (point_ > 0 && (dear || (behind && load.now_s - changed_s_ >= options_.settle_s))) {
+  const bool behind = known() && drain(point_, load) > options_.latency_s;
+  in_one_go_ = load.landed && affordable(best()) && (in_one_go_ || drain(best(), load) < options_.landing_s);
+  if (in_one_go_) {
+    change(best());
+  } else if (point_ > 0 && (dear || (behind && load.now_s - changed_s_ >= options_.settle_s))) {
     std::size_t lower = point_ - 1;
     while (lower > 0 && !keepsUp(lower, kFitUse, 1.0)) --lower;
     if (load.now_s - raised_s_ < options_.relapse_s)

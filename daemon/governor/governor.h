@@ -19,6 +19,9 @@ struct GovernorOptions {
   double patience_most_s = 120;
   double relapse_s = 60;    // a step down within this after a step up is a relapse
   double averaging_s = 20;  // time constant of the rate at which work arrives
+  // After the last frame nobody waits for the next one: what can be swept at the most accurate point in so
+  // long is not swept at a faster one first, to be swept, blended and coloured a second time.
+  double landing_s = 60;
 };
 [[nodiscard]] GovernorOptions governorOptions(const config::Quality& quality);
 
@@ -28,12 +31,15 @@ struct Load {
   double waiting_cells = 0;     // to be swept
   std::uint64_t cells_due = 0;  // that have become due since the start, swept or not
   double headroom = 1;  // 1: cool; below: the kernel reports throttling, this much of the speed is left
+  bool landed = false;  // no more frames will come
 };
 
 // Which operating point to make the next cell at, so that the map keeps up with the flight at the least
-// error. Errors come from the table, time from this device. It moves along the front only: down at once to
-// the best point that keeps up, up by one point after a time of room for it, and ever more patiently where
-// that has failed before, so that it does not swing. Pure logic; not thread-safe.
+// error. Errors come from the table, time from this device. It moves along the front only: when what waits
+// would take longer than the aim, down at once to the best point that keeps up; up by one after a time of
+// room for it, and ever more patiently where that has failed before, so that it does not swing. A cell made
+// at a lower point is made a second time later, so a queue that only grows is no reason yet. Pure logic; not
+// thread-safe.
 class Governor {
  public:
   // `device_s`: seconds that a cell takes here at the most accurate point, from an earlier run or a
@@ -42,8 +48,10 @@ class Governor {
 
   // A cell was swept at a point in this many seconds (of a cool device: times the headroom).
   void swept(std::size_t point, double seconds);
-  // Other work that the cells bring with them, whatever the point: frames taken in, colours, parents.
+  // Other work that the cells bring with them, whatever the point: colours, parents.
   void alsoSpent(double seconds) { other_s_ += seconds; }
+  // Taking frames in, which comes before all cells: it takes its share of the time.
+  void tookFrames(double seconds) { frames_s_ += seconds; }
   // The point for the next cell: an index into the table.
   std::size_t decide(const Load& load);
 
@@ -63,22 +71,29 @@ class Governor {
   void setOptions(const GovernorOptions& options) { options_ = options; }
 
  private:
+  [[nodiscard]] double speed(const Load& load) const;
   [[nodiscard]] double drain(std::size_t point, const Load& load) const;
   [[nodiscard]] double utilisation(std::size_t point, const Load& load) const;
   [[nodiscard]] bool affordable(std::size_t point) const;
+  [[nodiscard]] bool known() const;
 
   const OperatingTable* table_;
   GovernorOptions options_;
   std::size_t point_;
   double device_s_;
+  bool known_before_;
   double other_s_ = 0;  // spent since the start of what `recent_cells_` counts, older seconds counting less
   double recent_cells_ = 0;
-  double rate_ = 0;  // cells that become due per second
+  double frames_s_ = 0;       // since the last decision
+  double frames_share_ = 0;   // of the time
+  int first_cells_ = 0;       // counted up to those that tell the device's speed
+  double first_cells_s_ = 0;  // what they took
+  double rate_ = 0;           // cells that become due per second
   double last_s_ = 0, changed_s_ = 0, raised_s_, room_since_s_;
   double patience_s_;
   double backlog_s_ = 0;
   std::uint64_t last_due_ = 0, changes_ = 0;
-  bool begun_ = false;
+  bool begun_ = false, in_one_go_ = false;
 };
 
 }  // namespace overfly::daemon

@@ -196,14 +196,14 @@ bool Pipeline::hasRoom() {
 
 void Pipeline::takeFrames(const std::stop_token& stop) {
   capture::FlightInfo info;
-  std::map<std::uint64_t, capture::RawTelemetry> raw_of;  // by sequence number
+  std::map<std::uint64_t, capture::TelemetryPtr> raw_of;  // by sequence number
   bool plays_again = false;  // a flight from its beginning, of which an earlier run has recorded a part
   if (const auto* replay = dynamic_cast<const capture::ReplaySource*>(source_.get());
       replay != nullptr && replay->flight()) {
     info = replay->flight()->info();
     plays_again = true;
     for (const capture::FlightFrame& entry : replay->flight()->frames())
-      if (entry.raw) raw_of.emplace(entry.frame.sequence, *entry.raw);
+      if (entry.raw) raw_of.emplace(entry.frame.sequence, entry.raw);
   }
   info.source = source_->describe();
   info.made_by = "overflyd";
@@ -229,7 +229,7 @@ void Pipeline::takeFrames(const std::stop_token& stop) {
     begin(Stage::Capture);
     const std::int64_t arrived_ns = now_ns();
     info.datum = (*frame)->datum;
-    std::optional<capture::RawTelemetry> raw;
+    capture::TelemetryPtr raw;
     if (const auto found = raw_of.find((*frame)->sequence); found != raw_of.end()) raw = found->second;
     const char* refusal = hasRoom() ? nullptr : "no room to record";
     Result<std::uint64_t> id = 0;

@@ -129,7 +129,7 @@ class Pipeline {
     capture::FramePtr frame;  // null: read it again from the recording
     std::int64_t arrived_ns;
     bool again = false;  // has been mapped; its pose was corrected
-    std::optional<capture::RawTelemetry> raw = {};
+    capture::TelemetryPtr raw = {};
   };
   struct Encoding {
     std::vector<tiling::Tile> tiles;
@@ -158,8 +158,7 @@ class Pipeline {
   [[nodiscard]] bool hasRoom();
 
   // On the adjusting thread (pipeline_adjust.cpp). With mutex_ held: where a frame goes first.
-  [[nodiscard]] std::deque<Waiting>& queueFor(const capture::Frame& frame,
-                                              const std::optional<capture::RawTelemetry>& raw);
+  [[nodiscard]] std::deque<Waiting>& queueFor(const capture::Frame& frame, const capture::TelemetryPtr& raw);
   void handOn(const std::vector<tiling::adjust::LiveFrame>& ready,
               std::map<std::uint64_t, capture::FramePtr>& in_memory);
 
@@ -189,6 +188,7 @@ class Pipeline {
                                                  const std::stop_token& stop);
   [[nodiscard]] Result<void> takeFrame(tiling::Mapper& mapper, const Waiting& waiting);
   void balance(tiling::Mapper& mapper);
+  [[nodiscard]] bool cellsFirst() const;
   // What the job made differs from before.
   [[nodiscard]] Result<bool> work(tiling::Mapper& mapper, const tiling::TileJob& job);
   [[nodiscard]] Result<void> finish(tiling::Mapper& mapper, const geo::TileKey& cell);
@@ -279,6 +279,7 @@ class Pipeline {
   std::unique_ptr<Governor> governor_;
   std::map<geo::TileKey, std::size_t> cheap_;  // cells last swept below the last point, and where
   std::set<geo::TileKey> improving_;           // of these, due again
+  double owed_s_ = 0;                          // what frames have taken, less what cells have got since
   bool only_improving_ = false;                // the last sweep was one of these
   bool landed_ = false;                        // no frame is to come
   Throttling throttling_;

@@ -28,7 +28,7 @@ double quantile(std::deque<double> values, double q) {
 }  // namespace
 
 std::deque<Pipeline::Waiting>& Pipeline::queueFor(const capture::Frame& frame,
-                                                  const std::optional<capture::RawTelemetry>& raw) {
+                                                  const capture::TelemetryPtr& raw) {
   const bool nothing_known = !frame.pose && !raw;
   const bool as_it_is = frame.pose_is_adjusted || settings_.adjust.mode == config::AdjustMode::Off;
   return nothing_known || as_it_is ? frames_ : to_adjust_;

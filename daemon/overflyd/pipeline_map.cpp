@@ -29,6 +29,8 @@ constexpr std::size_t kTilesToEncode = 64;  // batches; the mapping thread waits
 constexpr std::size_t kSettlingFrames = 3;  // with pose, before the map's place is settled
 constexpr std::size_t kSettlingLimit = 12;  // after so many without an agreement the pipeline says so
 constexpr std::size_t kBalanceFrames = 10;  // that come before the exposures are equalised anew
+constexpr double kStarved_s = 5;            // cells that have waited so long do not wait for frames
+constexpr double kMostOwed_s = 2;           // of time in one go
 constexpr std::int64_t kOldestShutter_ns = 60'000'000'000;
 
 tiling::PlaneBox boxOf(const std::array<Eigen::Vector2d, 4>& polygon) {
@@ -453,6 +455,14 @@ bool Pipeline::takeNext(tiling::Mapper& mapper, Waiting waiting, const std::stop
   return std::all_of(held.begin(), held.end(), took);
 }
 
+// Frames come before cells, but do not starve them: when cells wait too long, they get as much time as the
+// frames have taken.
+bool Pipeline::cellsFirst() const {
+  if (!scheduler_ || owed_s_ <= 0) return false;
+  const double starved_s = std::min(governorOptions(quality_).latency_s / 3, kStarved_s);
+  return static_cast<double>(scheduler_->overdue(now_ns())) / 1e9 > starved_s;
+}
+
 void Pipeline::showProgress(const tiling::Mapper& mapper) {
   const std::int64_t now = now_ns();
   const std::scoped_lock lock(mutex_);
@@ -477,7 +487,7 @@ void Pipeline::mapUntil(tiling::Mapper& mapper, const std::stop_token& stop) {
       if (scheduler_)
         for (const geo::TileKey& key : interests_) scheduler_->requested(key, now_ns());
       interests_.clear();
-      if (!frames_.empty()) {
+      if (!frames_.empty() && !cellsFirst()) {
         waiting = std::move(frames_.front());
         frames_.pop_front();
       }
@@ -494,8 +504,9 @@ void Pipeline::mapUntil(tiling::Mapper& mapper, const std::stop_token& stop) {
       begin(Stage::Mapping);
       const std::int64_t start_ns = now_ns();
       if (!takeNext(mapper, std::move(*waiting), stop)) return;
-      only_improving_ = false;
-      alsoSpent(static_cast<double>(now_ns() - start_ns) / 1e9);
+      const double took_s = static_cast<double>(now_ns() - start_ns) / 1e9;
+      governor_->tookFrames(took_s * throttling_.headroom);
+      owed_s_ = std::min(owed_s_ + took_s, kMostOwed_s);
       if (scheduler_ && unbalanced_ >= kBalanceFrames) balance(mapper);
       showProgress(mapper);
       continue;
@@ -507,6 +518,7 @@ void Pipeline::mapUntil(tiling::Mapper& mapper, const std::stop_token& stop) {
     }
     const auto job = scheduler_ ? scheduler_->next(now_ns()) : std::nullopt;
     if (!job) {
+      owed_s_ = 0;
       if (scheduler_ && improveWorst()) continue;
       showProgress(mapper);
       std::unique_lock lock(mutex_);
@@ -529,6 +541,7 @@ void Pipeline::mapUntil(tiling::Mapper& mapper, const std::stop_token& stop) {
     const std::int64_t start_ns = now_ns();
     const auto made = persistently(stop, [&] { return work(mapper, *job); });
     const double worked_s = static_cast<double>(now_ns() - start_ns) / 1e9;
+    owed_s_ = std::max(0.0, owed_s_ - worked_s);
     if (job->kind != tiling::TileJob::Kind::Sweep) alsoSpent(worked_s);
     if (made) {
       scheduler_->done(*job, *made, now_ns());

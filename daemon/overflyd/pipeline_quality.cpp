@@ -19,9 +19,6 @@ namespace {
 constexpr std::size_t kImprovedAtOnce = 4;  // cells made better before it looks again whether frames came
 constexpr std::int64_t kHeatLook_ns = 5'000'000'000;
 constexpr double kLongestRest_s = 1;
-// After the last frame nobody waits for the next one: what can be swept at the last point in so long is not
-// swept at a faster one first, to be swept, blended and coloured a second time.
-constexpr double kLandingPatience_s = 60;
 
 // In deviceFolder().
 constexpr const char* kTableFile =
@@ -114,17 +111,20 @@ Result<bool> Pipeline::sweepAtPoint(tiling::Mapper& mapper, const geo::TileKey& 
     if (heat.headroom < throttling_.headroom) spdlog::warn("throttled: {}", heat.reason);
     throttling_ = std::move(heat);
   }
+  const std::size_t before = governor_->point();
   const std::size_t governed =
       governor_->decide({.now_s = static_cast<double>(start_ns) / 1e9,
                          .waiting_cells = static_cast<double>(scheduler_->worthTiles()),
                          .cells_due = scheduler_->worthSoFar(),
-                         .headroom = throttling_.headroom});
+                         .headroom = throttling_.headroom,
+                         .landed = landed_});
+  if (governed != before)
+    spdlog::info("quality: point {} of {} -> {} ({}); {} cells wait, {:.1f} s at this point, {:.0f} ms each",
+                 before + 1, table_->size(), governed + 1, (*table_)[governed].name, scheduler_->worthTiles(),
+                 governor_->backlog(), 1000 * governor_->secondsPerCell(governed));
   const bool improving = improving_.erase(cell) > 0;
   only_improving_ = improving;
-  const bool in_one_go = landed_ && static_cast<double>(scheduler_->worthTiles()) *
-                                            governor_->secondsPerCell(governor_->best()) <
-                                        kLandingPatience_s;
-  const std::size_t point = improving || in_one_go ? governor_->best() : governed;
+  const std::size_t point = improving ? governor_->best() : governed;
   mapper.setOptions(optionsAt(point));
   const std::uint64_t swept_before = mapper.statistics().cells_swept;
   auto changed = onGl("sweep", [&] { return mapper.sweepCell(cell); });

@@ -24,7 +24,7 @@ Result<std::unique_ptr<RecordedFrames>> RecordedFrames::open(const std::filesyst
 }
 
 Result<std::uint64_t> RecordedFrames::record(const capture::Frame& frame, const capture::FlightInfo& info,
-                                             const std::optional<capture::RawTelemetry>& raw) {
+                                             const capture::TelemetryPtr& raw) {
   const std::scoped_lock lock(mutex_);
   if (!recorder_) {
     auto created = capture::FlightRecorder::create(own_, info);

@@ -34,7 +34,7 @@ class RecordedFrames {
   [[nodiscard]] bool hasEarlier(const std::string& name) const { return earlier_names_.contains(name); }
   // Writes a frame; returns its id. The first call makes this run's folder.
   [[nodiscard]] Result<std::uint64_t> record(const capture::Frame& frame, const capture::FlightInfo& info,
-                                             const std::optional<capture::RawTelemetry>& raw = {});
+                                             const capture::TelemetryPtr& raw = nullptr);
   // As recorded, or as corrected since.
   [[nodiscard]] Result<capture::FramePtr> load(std::uint64_t id);
   // What an earlier run recorded of a frame beside its picture; null: not of an earlier run.

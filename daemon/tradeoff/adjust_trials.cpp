@@ -57,7 +57,7 @@ Result<std::vector<Trial>> tryAdjustment(
   auto raw = capture::importFlight(folder, {.raw = true, .camera_file = {}});
   if (!raw) return tl::unexpected(raw.error());
   if (!std::any_of(raw->frames().begin(), raw->frames().end(),
-                   [](const auto& f) { return f.raw.has_value(); }))
+                   [](const auto& f) { return f.raw != nullptr; }))
     return fail(ErrorCode::NotFound, folder.string() + " has no raw telemetry to adjust from");
   std::map<std::string, const capture::Pose*> known;
   for (const capture::FlightFrame& frame : reference->frames())

@@ -38,8 +38,8 @@ Result<void> writeTruth(const std::filesystem::path& folder, const FlightPlan& p
 }
 
 // What the drone would have written of a noisy pose, for a later adjustment.
-std::optional<capture::RawTelemetry> rawOf(const capture::Frame& frame) {
-  if (frame.pose_is_adjusted || !frame.pose) return std::nullopt;
+capture::TelemetryPtr rawOf(const capture::Frame& frame) {
+  if (frame.pose_is_adjusted || !frame.pose) return nullptr;
   const geo::Geodetic place = geo::geodeticFromEcef(frame.pose->position_in_ecef);
   const geo::LocalFrame local(place);
   const Eigen::Quaterniond enu_from_ecef(local.enuFromEcefRotation());
@@ -51,7 +51,7 @@ std::optional<capture::RawTelemetry> rawOf(const capture::Frame& frame) {
   raw.gimbal_yaw = angles.yaw;
   raw.gimbal_pitch = angles.pitch;
   raw.gimbal_roll = angles.roll;
-  return raw;
+  return std::make_shared<const capture::RawTelemetry>(raw);
 }
 
 capture::FlightInfo infoOf(const World& world, const std::string& source) {

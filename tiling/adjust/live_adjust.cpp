@@ -58,8 +58,8 @@ void LiveAdjuster::hold(FrameId id, const std::string& reason) {
 }
 
 std::vector<LiveFrame> LiveAdjuster::add(FrameId id, const capture::Frame& frame,
-                                         const std::optional<capture::RawTelemetry>& raw,
-                                         std::int64_t arrived_ns, std::int64_t now_ns) {
+                                         const capture::TelemetryPtr& raw, std::int64_t arrived_ns,
+                                         std::int64_t now_ns) {
   std::vector<LiveFrame> out;
   if (!known_.try_emplace(id, Known{frame.camera_id, arrived_ns, false}).second) return out;
   ++counts_.frames;

@@ -50,8 +50,8 @@ class LiveAdjuster {
   // `raw`: what the device wrote, where it did; else the frame's pose is what is known. `arrived_ns`: since
   // when the frame waits.
   [[nodiscard]] std::vector<LiveFrame> add(FrameId id, const capture::Frame& frame,
-                                           const std::optional<capture::RawTelemetry>& raw,
-                                           std::int64_t arrived_ns, std::int64_t now_ns);
+                                           const capture::TelemetryPtr& raw, std::int64_t arrived_ns,
+                                           std::int64_t now_ns);
   // Frames that have waited long enough, and revisions that are due.
   [[nodiscard]] std::vector<LiveFrame> wait(std::int64_t now_ns);
   // No frame follows: closes all windows, adjusts all frames that are still held in memory together, writes

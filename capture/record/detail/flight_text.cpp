@@ -266,7 +266,7 @@ Result<std::vector<FlightCamera>> camerasFromText(const std::string& text) {
 }
 
 std::string frameLine(const Frame& frame, int camera_revision, const std::string& file, std::uint64_t bytes,
-                      std::uint32_t crc, const std::optional<RawTelemetry>& raw) {
+                      std::uint32_t crc, const TelemetryPtr& raw) {
   Json json = {{"seq", frame.sequence},
                {"name", frame.name},
                {"file", file},
@@ -314,7 +314,7 @@ Result<FlightFrame> frameFromLine(std::string_view line, const std::vector<Fligh
   frame.name = textIn(*json, "name").value_or("");
   const auto file = textIn(*json, "file");
   if (!file || !isPlainFileName(*file)) return wrong("its \"file\" is not a file name");
-  result.file = images / *file;
+  result.file = (images / *file).string();
   const auto camera_id = textIn(*json, "camera");
   const auto revision = integerIn(*json, "revision");
   const auto camera = std::find_if(cameras.begin(), cameras.end(), [&](const FlightCamera& c) {
@@ -362,7 +362,8 @@ Result<FlightFrame> frameFromLine(std::string_view line, const std::vector<Fligh
     if (!read) return tl::unexpected(read.error());
     frame.pose = *read;
   }
-  if (const Json* raw = member(*json, "raw"); raw && raw->is_object()) result.raw = rawFrom(*raw);
+  if (const Json* raw = member(*json, "raw"); raw && raw->is_object())
+    result.raw = std::make_shared<const RawTelemetry>(rawFrom(*raw));
   return result;
 }
 

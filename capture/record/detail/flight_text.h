@@ -21,8 +21,7 @@ inline constexpr std::uint64_t kMaxImageBytes = 256u << 20;
 
 // A line with its checksum and line feed. `file` is the image's name under images/.
 [[nodiscard]] std::string frameLine(const Frame& frame, int camera_revision, const std::string& file,
-                                    std::uint64_t bytes, std::uint32_t crc,
-                                    const std::optional<RawTelemetry>& raw);
+                                    std::uint64_t bytes, std::uint32_t crc, const TelemetryPtr& raw);
 
 // The inverse, for a line without its line feed; the message of an error says what is wrong with the line.
 [[nodiscard]] Result<FlightFrame> frameFromLine(std::string_view line,

@@ -58,17 +58,18 @@ struct RecordedFlight {
       };
       const double rad = geo::radians(1);
       capture::FlightFrame frame;
-      frame.file = folder / "images" / row["filename"];
+      frame.file = (folder / "images" / row["filename"]).string();
       frame.frame.name = row["filename"];
       frame.frame.time_ns = std::stoll(row["timestamp_ns"]);
-      frame.raw.emplace();
-      frame.raw->lat = maybe("raw_lat", rad);
-      frame.raw->lon = maybe("raw_lon", rad);
-      frame.raw->altitude_m = maybe("raw_alt", 1);
-      frame.raw->relative_altitude_m = maybe("raw_rel_alt", 1);
-      frame.raw->gimbal_yaw = maybe("raw_gimbal_yaw_deg", rad);
-      frame.raw->gimbal_pitch = maybe("raw_gimbal_pitch_deg", rad);
-      frame.raw->gimbal_roll = maybe("raw_gimbal_roll_deg", rad);
+      capture::RawTelemetry raw;
+      raw.lat = maybe("raw_lat", rad);
+      raw.lon = maybe("raw_lon", rad);
+      raw.altitude_m = maybe("raw_alt", 1);
+      raw.relative_altitude_m = maybe("raw_rel_alt", 1);
+      raw.gimbal_yaw = maybe("raw_gimbal_yaw_deg", rad);
+      raw.gimbal_pitch = maybe("raw_gimbal_pitch_deg", rad);
+      raw.gimbal_roll = maybe("raw_gimbal_roll_deg", rad);
+      frame.raw = std::make_shared<const capture::RawTelemetry>(raw);
       out.frames.push_back(std::move(frame));
       out.reference.push_back({{number("x"), number("y"), number("z")},
                                {number("qw"), number("qx"), number("qy"), number("qz")}});

@@ -162,7 +162,8 @@ void colmap(benchmark::State& state) {
   const auto n = static_cast<double>(flight.frames.size());
   const Scratch scratch;
   const std::string at = scratch.path.string(), database = " --database_path " + at + "/db";
-  const std::string images = " --image_path " + flight.frames.front().file.parent_path().string() +
+  const std::string images = " --image_path " +
+                             std::filesystem::path(flight.frames.front().file).parent_path().string() +
                              " --image_list_path " + at + "/list";
   {
     std::ofstream list(scratch.path / "list");

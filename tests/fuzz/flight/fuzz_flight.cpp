@@ -29,7 +29,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const auto frame = detail::frameFromLine(text, {camera}, VerticalDatum::Unknown, "images");
     if (!frame && frame.error().message.empty()) std::abort();
     // No name leads out of the folder, and no pose is less than a number.
-    if (frame && frame->file.parent_path() != "images") std::abort();
+    if (frame && std::filesystem::path(frame->file).parent_path() != "images") std::abort();
     if (frame && frame->frame.pose && !frame->frame.pose->position_in_ecef.allFinite()) std::abort();
   }
   return 0;

@@ -117,7 +117,10 @@ TEST(RealFlights, ASavedFlightIsTheSameFlight) {
   ASSERT_EQ(again.size(), flight.size());
   for (std::size_t i = 0; i < flight.size(); ++i) {
     EXPECT_TRUE(testing_data::same(**again.load(i), **flight.load(i)));
-    EXPECT_EQ(again.at(i).raw, flight.at(i).raw);
+    ASSERT_EQ(again.at(i).raw == nullptr, flight.at(i).raw == nullptr);
+    if (flight.at(i).raw != nullptr) {
+      EXPECT_EQ(*again.at(i).raw, *flight.at(i).raw);
+    }
   }
   EXPECT_EQ(again.info().ground_height_m, flight.info().ground_height_m);
   EXPECT_EQ(again.info().notes, flight.info().notes);

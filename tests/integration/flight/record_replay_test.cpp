@@ -107,7 +107,7 @@ TEST(RecordReplay, NamesThatAreNotFileNamesStayInTheFolder) {
   ASSERT_EQ(flight.size(), 6u);
   for (std::size_t i = 0; i < 6; ++i) {
     EXPECT_TRUE(flight.load(i)) << i;
-    EXPECT_EQ(flight.at(i).file.parent_path(), folder / "flight" / "images");
+    EXPECT_EQ(std::filesystem::path(flight.at(i).file).parent_path(), folder / "flight" / "images");
   }
 }
 

@@ -33,7 +33,7 @@ Flown fly(TexturedGround& ground, LiveAdjuster& adjuster, int frames, double noi
   };
   for (int i = 0; i < frames; ++i) {
     const std::int64_t now = 2 * kSecond * i;
-    take(adjuster.add(static_cast<FrameId>(i), *ground.frame(i, noise_m, noise_rad), std::nullopt, now, now));
+    take(adjuster.add(static_cast<FrameId>(i), *ground.frame(i, noise_m, noise_rad), nullptr, now, now));
     take(adjuster.wait(now + kSecond));
   }
   take(adjuster.land());
@@ -76,7 +76,7 @@ TEST(LiveAdjust, AFrameWaitsNoLongerThanItIsTold) {
     const std::int64_t arrived = 2 * kSecond * i;
     for (const std::int64_t now : {arrived, arrived + kSecond}) {
       auto ready = now == arrived ? adjuster.add(static_cast<FrameId>(i), *ground.frame(i, 0.5, 0.02),
-                                                 std::nullopt, arrived, now)
+                                                 nullptr, arrived, now)
                                   : adjuster.wait(now);
       for (const LiveFrame& frame : ready)
         if (!frame.again) waited[frame.id] = now - frame.since_ns;
@@ -94,7 +94,7 @@ TEST(LiveAdjust, FramesOfWaterAreHeldBackWithTheReasonAndTheOthersAreMapped) {
     const std::int64_t now = 2 * kSecond * i;
     ground.featureless = i == 5 || i == 6;
     for (const auto& ready :
-         {adjuster.add(static_cast<FrameId>(i), *ground.frame(i, 0.5, 0.02), std::nullopt, now, now),
+         {adjuster.add(static_cast<FrameId>(i), *ground.frame(i, 0.5, 0.02), nullptr, now, now),
           adjuster.wait(now + kSecond)})
       for (const LiveFrame& frame : ready) {
         handed += frame.again ? 0 : 1;
@@ -189,7 +189,7 @@ TEST(LiveAdjust, TheNextFlightStartsFromTheCalibratedLens) {
   EXPECT_NEAR(profile->camera.fx, ground.camera.fx, 3 * profile->sigma[0]);
   EXPECT_LT(profile->sigma[0], 0.02 * ground.camera.fx);
   LiveAdjuster next(options);
-  (void)next.add(0, *ground.frame(0, 0.05, 0.01), std::nullopt, 0, 0);
+  (void)next.add(0, *ground.frame(0, 0.05, 0.01), nullptr, 0, 0);
   const auto notes = next.takeNotes();
   ASSERT_EQ(notes.size(), 1U);
   EXPECT_NE(notes[0].find("profile"), std::string::npos);

@@ -174,6 +174,40 @@ TEST(Governor, ThrottlingCountsAsASlowerDevice) {
   EXPECT_LT(flight.points.back(), table.size() - 1);
 }
 
+TEST(Governor, ASlowStartIsNoLoad) {
+  const OperatingTable table = eightPoints();
+  Governor governor(table, {.latency_s = 15});
+  governor.tookFrames(6);  // the map's ground, shaders
+  for (int cell = 0; cell < 100; ++cell) {
+    EXPECT_EQ(governor.decide({8 + 0.2 * cell, 30, static_cast<std::uint64_t>(30 + cell)}), governor.best());
+    governor.swept(governor.point(), cell == 0 ? 2.0 : 0.1);
+    governor.alsoSpent(0.1);
+  }
+  EXPECT_NEAR(governor.secondsPerCell(governor.best()), 0.2, 0.01);
+}
+
+TEST(Governor, WhatTheAimAllowsIsSweptAtTheBestPointHoweverTheQueueGrows) {
+  const OperatingTable table = eightPoints();
+  Flight flight(table, {.latency_s = 15}, 0.4);
+  flight.fly(60, [](double) { return 2.9; });  // 1.16 times what it can do: 9.6 s of work left in the end
+  EXPECT_EQ(flight.governor.changes(), 0u);
+  EXPECT_LE(flight.worst_wait_s, 15);
+}
+
+TEST(Governor, AfterTheLastFrameWhatTakesAMinuteIsSweptOnce) {
+  const OperatingTable table = eightPoints();
+  for (const auto& [waiting, in_one_go] : {std::pair{100.0, true}, std::pair{1000.0, false}}) {
+    Governor governor(table, {.latency_s = 5}, 0.5);
+    for (int cell = 0; cell < 20; ++cell) governor.swept(governor.best(), 0.5);
+    EXPECT_EQ(governor.decide({0, 0, 0, 1, false}), governor.best());
+    EXPECT_LT(governor.decide({10, waiting, 100, 1, false}), governor.best());
+    for (double left = waiting; left > 0; left -= 10)
+      EXPECT_EQ(governor.decide({20 + waiting - left, left, 100, 1, true}) == governor.best(),
+                in_one_go || left * governor.secondsPerCell(governor.best()) < 60)
+          << left << " of " << waiting;
+  }
+}
+
 TEST(Governor, AnExplicitTimePerTileIsNeverExceeded) {
   const OperatingTable table = eightPoints();
   GovernorOptions options;
