@@ -105,6 +105,9 @@ Result<int> tradeoffReport(const Arguments& a, const Context& context) {
     if (!swept) return tl::unexpected(swept.error());
     points.push_back(std::move(swept->points));
     report.sections.push_back({reference.name, reference.reference, std::move(swept->trials)});
+    // What is done is not lost if something after it fails.
+    if (auto written = tradeoff::writeReport(report, a.output); !written)
+      return tl::unexpected(written.error());
     return &report.sections.back();
   };
   for (const std::string& folder : a.flights) {

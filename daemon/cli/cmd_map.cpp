@@ -23,7 +23,7 @@ struct Arguments {
   std::string flight, map, lattice = "webmercator";
   double gsd_m = 0, ground_m = 0;
   bool ground_given = false, planar = false;
-  int tile_size = 0, cache_mb = 256;  // tile_size 0: the setting's
+  int tile_size = 0, cache_mb = 256, reduce = 1;  // tile_size 0: the setting's
 };
 
 tiling::FrameRecord recordOf(std::uint64_t id, const capture::FlightFrame& source,
@@ -65,6 +65,7 @@ Result<int> run(const Arguments& arguments, const Context& context) {
   options.mapper = tiling::mapperOptions(loaded->settings);
   options.ground = tiling::groundOptions(loaded->settings);
   options.lattice = *lattice;
+  options.reduce = arguments.reduce;
   if (arguments.tile_size > 0) options.mapper.tile_size = arguments.tile_size;
   if (arguments.gsd_m > 0) options.ground.gsd_m = arguments.gsd_m;
   if (arguments.ground_given) options.ground.height_m = arguments.ground_m;
@@ -137,10 +138,16 @@ void build(CLI::App& command, Context& context) {
   CLI::Option* ground =
       command.add_option("--ground", arguments->ground_m,
                          "height of the ground in the flight's datum, where the images do not tell");
-  command.add_flag("--planar", arguments->planar,
-                   "lay the frames onto level ground instead of finding heights: quick, needs no GPU");
+  CLI::Option* planar =
+      command.add_flag("--planar", arguments->planar,
+                       "lay the frames onto level ground instead of finding heights: quick, needs no GPU");
   command.add_option("--tile-size", arguments->tile_size, "texels along a tile's side: 256 or 512")
       ->check(CLI::IsMember({256, 512}));
+  CLI::Option* reduce =
+      command.add_option("--reduce", arguments->reduce,
+                         "frames of 2, 4 or 8 times fewer columns and rows: a quick, coarser map");
+  reduce->check(CLI::IsMember({1, 2, 4, 8}));
+  planar->excludes(reduce);
   command
       .add_option("--cache-mb", arguments->cache_mb, "with --planar: decoded frames and tiles kept in memory")
       ->check(CLI::Range(8, 65536));

@@ -34,6 +34,12 @@ class Grid {
     setting.options.sweep = point.applied(setting.options.sweep);
     settings_.push_back(std::move(setting));
   }
+  void addReduced(const daemon::OperatingPoint& point, int reduce) {
+    SweepSetting setting{
+        "combined", fmt::format("frames 1/{}, {}", reduce, point.name), false, defaults_, 0, {}, reduce};
+    setting.options.sweep = point.applied(setting.options.sweep);
+    settings_.push_back(std::move(setting));
+  }
   std::vector<SweepSetting> take() { return std::move(settings_); }
 
  private:
@@ -131,6 +137,15 @@ std::vector<SweepSetting> sweepSettings(bool quick) {
     p.name = nameOf(p);
     grid.addCoarser(p, zooms);
   }
+  for (const int reduce : {2, 4, 8}) {
+    grid.addReduced(standard, reduce);
+    daemon::OperatingPoint p = standard;
+    p.two_surfaces = false;
+    p.widenings = 0;
+    p.images = 4;
+    p.name = nameOf(p);
+    grid.addReduced(p, reduce);
+  }
   grid.add("combined", "plane step 0.4, regularised", [](MapperOptions& o) {
     o.sweep.plane_step = 0.4;
     o.sweep.regularise = true;
@@ -161,6 +176,7 @@ Result<SweepTrials> trySweep(
       progress(i, total, setting.text);
       tiling::BatchOptions options;
       options.mapper = setting.options;
+      options.reduce = setting.reduce;
       if (setting.coarser > 0 && native) options.ground.gsd_m = native->gsd_m * (1 << setting.coarser);
       Result<tiling::MappedTiles> made = fail(ErrorCode::Internal, "not run");
       const Elapsed elapsed =
@@ -175,7 +191,7 @@ Result<SweepTrials> trySweep(
       processor.push_back(elapsed.processor_ms / count);
       wall.push_back(elapsed.wall_ms / count);
       statistics = mapped.statistics;
-      sweep_s.push_back(statistics.sweep_s + statistics.match_s);
+      sweep_s.push_back(statistics.sweep_processor_s);
       tile_count = tiles.size();
       comparison =
           tiling::compare(tiles, mapped.ground.lattice, mapped.ground.base_zoom, mapped.ground.anchor_px,

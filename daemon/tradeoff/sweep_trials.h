@@ -19,6 +19,7 @@ struct SweepSetting {
   tiling::MapperOptions options;
   int coarser = 0;                              // zooms that the map is coarser than the frames allow
   std::optional<daemon::OperatingPoint> point;  // where the governor could choose it in flight
+  int reduce = 1;                               // BatchOptions::reduce
 };
 
 // The default, every single setting to both sides of it, and combinations from the fastest to the most

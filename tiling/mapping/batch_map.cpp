@@ -4,6 +4,8 @@
 #include <chrono>
 #include <set>
 
+#include "capture/reduced_frame.h"
+
 namespace overfly::tiling {
 namespace {
 
@@ -23,6 +25,11 @@ Result<BatchResult> mapFlight(gl::Context& context, const capture::Flight& fligh
     if (events.progress) events.progress(stage, done, total);
   };
 
+  const auto load = [&flight, reduce = options.reduce](std::size_t i) -> Result<capture::FramePtr> {
+    auto frame = flight.load(i);
+    if (!frame || reduce == 1) return frame;
+    return capture::reduced(**frame, reduce);
+  };
   // Runs of neighbouring frames from four places of the flight.
   std::vector<std::size_t> posed;
   for (std::size_t i = 0; i < flight.size(); ++i)
@@ -35,7 +42,7 @@ Result<BatchResult> mapFlight(gl::Context& context, const capture::Flight& fligh
     for (std::size_t k = 0; k < kGroundFrames / runs; ++k)
       if (const std::size_t at = run * posed.size() / runs + k; at < posed.size()) wanted.insert(posed[at]);
   for (const std::size_t i : wanted) {
-    auto frame = flight.load(i);
+    auto frame = load(i);
     if (!frame) continue;
     auto thumbnail = mapper.thumbnailOf(i, *frame);
     if (!thumbnail) continue;
@@ -59,12 +66,12 @@ Result<BatchResult> mapFlight(gl::Context& context, const capture::Flight& fligh
   std::set<geo::TileKey> cells;
   for (std::size_t i = 0; i < flight.size(); ++i) {
     progress("frames", i, flight.size());
-    auto frame = flight.load(i);
+    auto frame = load(i);
     if (!frame) {
       result.refused.push_back(flight.at(i).frame.name + ": " + frame.error().message);
       continue;
     }
-    auto touched = mapper.addFrame(i, *frame, [&flight, i] { return flight.load(i); });
+    auto touched = mapper.addFrame(i, *frame, [load, i] { return load(i); });
     if (!touched) {
       if (touched.error().code == ErrorCode::Unavailable) return tl::unexpected(touched.error());
       result.refused.push_back((*frame)->name + ": " + touched.error().message);

@@ -14,6 +14,7 @@ namespace overfly::tiling {
 struct BatchOptions {
   MapperOptions mapper;
   geo::TileLattice lattice = geo::TileLattice::webMercator();
+  int reduce = 1;  // frames are taken at so many times fewer columns and rows (1, 2, 4, 8): for a quick look
   GroundOptions ground;  // its tile_size is the mapper's; a height that is not given is what the flight says
                          // where the images do not tell
 };

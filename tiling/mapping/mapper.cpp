@@ -27,6 +27,24 @@ constexpr int kSurfaceMargin = 96;  // sweep texels around a cell in which occlu
 constexpr int kThumbnailLevel = 3;
 constexpr double kFinerThanFrames = 0.9;  // texels of the sweep are not smaller, in GSD of the frames
 
+double processorSeconds() {
+  timespec now{};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+class ProcessorWatch {
+ public:
+  explicit ProcessorWatch(double& total) : total_(total), start_s_(processorSeconds()) {}
+  ~ProcessorWatch() { total_ += processorSeconds() - start_s_; }
+  ProcessorWatch(const ProcessorWatch&) = delete;
+  ProcessorWatch& operator=(const ProcessorWatch&) = delete;
+
+ private:
+  double& total_;
+  double start_s_;
+};
+
 class Stopwatch {
  public:
   explicit Stopwatch(double& total) : total_(total), start_(std::chrono::steady_clock::now()) {}
@@ -316,6 +334,7 @@ Result<Mapper::Impl::Held> Mapper::Impl::hold(std::uint64_t id, bool with_match)
   auto found = match_images.find(id);
   if (found == match_images.end() || found->second.first.lock() != held.frame) {
     const Stopwatch watch(statistics.match_s);
+    const ProcessorWatch processor(statistics.sweep_processor_s);
     std::erase_if(match_images, [](const auto& entry) { return entry.second.first.expired(); });
     auto match = matcher->make(held.frame->luma, held.frame->color);
     if (!match) return tl::unexpected(match.error());
@@ -374,6 +393,7 @@ Result<SweptCell*> Mapper::Impl::swept(const geo::TileKey& cell, bool* changed) 
   const SweepGrid grid{&frame,          options.tile_size,   16,
                        ground.height_m, ground.min_height_m, ground.max_height_m};
   const Stopwatch watch(statistics.sweep_s);
+  const ProcessorWatch processor(statistics.sweep_processor_s);
   auto field = sweeper->run(grid, views, sweep);
   if (!field) return tl::unexpected(field.error());
   statistics.samples += field->samples;

@@ -61,6 +61,8 @@ struct GroundOptions {
 struct MapperStatistics {
   std::uint64_t frames = 0, cells_swept = 0, cells_finished = 0, tiles = 0, samples = 0;
   double rectify_s = 0, match_s = 0, sweep_s = 0, blend_s = 0, ortho_s = 0;
+  // Processor time of all threads of the process while match images were made and cells swept.
+  double sweep_processor_s = 0;
 };
 
 // From frames with pose to level-0 tiles: rectification, view selection, sweep, blending of neighbouring

@@ -117,10 +117,17 @@ Result<void> PlanarMap::takeNext() {
   images_.insert(arriving.id, std::move(*image), bytes);
   const IndexedFrame& record = *index_.find(arriving.id);
   scheduler_.cover(boxOf(record.footprint));
-  if (auto made = drawTiles(arriving.id, FrameIndex::tilesUnder(record, base_zoom_)); !made) return made;
-  const std::size_t waiting_bytes = waiting_.size() * drawnBytes();
-  return updates_ >= options_.batch_updates || waiting_bytes > options_.tile_bytes / 2 ? finishBatch()
-                                                                                       : Result<void>{};
+  const std::vector<geo::TileKey> keys = FrameIndex::tilesUnder(record, base_zoom_);
+  // What waits stays in memory: it is coded before this frame's tiles would fill their share together with
+  // it.
+  const auto fresh = static_cast<std::size_t>(std::ranges::count_if(keys, [&](const geo::TileKey& key) {
+    const auto found = drawn_.find(key);
+    return found == drawn_.end() || !found->second.waits;
+  }));
+  if (!waiting_.empty() && (waiting_.size() + fresh) * drawnBytes() > drawnShare())
+    if (auto done = finishBatch(); !done) return done;
+  if (auto made = drawTiles(arriving.id, keys); !made) return made;
+  return updates_ >= options_.batch_updates ? finishBatch() : Result<void>{};
 }
 
 // One transaction: the tiles that have changed, and their parents level by level.
@@ -254,12 +261,13 @@ PlanarMap::Drawn& PlanarMap::drawn(const PlanarPlan& plan) {
   }
   if (!std::exchange(tile.waits, true)) waiting_.push_back(plan.key());
   // What is older and coded can be drawn again from its frames.
-  while (drawn_.size() * drawnBytes() > options_.tile_bytes / 4 * 3) {
-    const auto oldest = drawn_.find(drawn_order_.front());
-    if (oldest->second.waits) break;
-    spare_tiles_.give(std::move(oldest->second.tile));
-    drawn_order_.pop_front();
-    drawn_.erase(oldest);
+  for (auto key = drawn_order_.begin();
+       key != drawn_order_.end() && drawn_.size() * drawnBytes() > drawnShare();) {
+    const auto old = drawn_.find(*key++);
+    if (old->second.waits) continue;
+    spare_tiles_.give(std::move(old->second.tile));
+    drawn_order_.erase(old->second.place);
+    drawn_.erase(old);
   }
   return tile;
 }
@@ -345,12 +353,13 @@ std::shared_ptr<const Tile> PlanarMap::keepHalf(Tile&& half, bool waits) {
   });
   at->second.tile = kept;
   // Only what is on its way to the store may leave memory.
-  while (halves_.size() * halfBytes(drawnBytes()) > options_.tile_bytes / 4) {
-    const auto oldest = halves_.find(halves_order_.front());
-    if (oldest->second.waits) break;
-    gone_.insert(oldest->first);
-    halves_order_.pop_front();
-    halves_.erase(oldest);
+  for (auto key = halves_order_.begin();
+       key != halves_order_.end() && halves_.size() * halfBytes(drawnBytes()) > options_.tile_bytes / 4;) {
+    const auto old = halves_.find(*key++);
+    if (old->second.waits || old == at) continue;
+    gone_.insert(old->first);
+    halves_order_.erase(old->second.place);
+    halves_.erase(old);
   }
   return kept;
 }

@@ -35,7 +35,7 @@ struct PlanarOptions {
                                         // the rest as what their parents need of them
   int batch_updates = 400;  // tile updates before tiles are coded, parents made and all is committed; higher
                             // saves codings, parents and syncs, and shows the map later. Less when the tiles
-                            // that wait fill their share of tile_bytes
+                            // that wait would fill their share of tile_bytes
   // A tile with a hole is soon coded again: the fast method costs 5 % more bytes.
   EncodeOptions encoding{.color = {.webp_method = 0}, .elevation = {}};
 };
@@ -123,6 +123,7 @@ class PlanarMap {
   std::shared_ptr<const Tile> keepHalf(Tile&& half, bool waits);
   [[nodiscard]] Result<void> submit();
   [[nodiscard]] std::size_t drawnBytes() const;  // of one tile
+  [[nodiscard]] std::size_t drawnShare() const { return options_.tile_bytes / 4 * 3; }
   [[nodiscard]] std::int64_t now_ns() { return ++clock_; }
 
   StoreWriter writer_;

@@ -28,9 +28,19 @@ vec2 slopeAt(Hit hit) {
 #endif
 }
 
+// A wall stands where the ray comes into a cell below its surface.
 vec3 normalAt(Hit hit, vec2 slope, vec3 along) {
-  if (hit.at_entry && hit.entered == 1) return vec3(along.x > 0.0 ? -1.0 : 1.0, 0.0, 0.0);
-  if (hit.at_entry && hit.entered == 2) return vec3(0.0, along.y > 0.0 ? 1.0 : -1.0, 0.0);
+  if (hit.at_entry && hit.entered != 0) {
+#if SURFACE == 0
+    if (hit.entered == 1) return vec3(along.x > 0.0 ? -1.0 : 1.0, 0.0, 0.0);
+    return vec3(0.0, along.y > 0.0 ? 1.0 : -1.0, 0.0);
+#else
+    // Such surfaces have walls only where the map ends and around holes. Which side of a texel a pixel shows
+    // changes from one to the next there, and a shade after it would be speckle: they face the camera.
+    vec2 back = along.xy / max(abs(along.x), abs(along.y));
+    return normalize(vec3(-back.x, back.y, 0.0));
+#endif
+  }
   return normalize(vec3(-slope.x / texel_metres, slope.y / texel_metres, 1.0));
 }
 
