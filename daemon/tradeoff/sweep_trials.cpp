@@ -195,7 +195,7 @@ Result<SweepTrials> trySweep(
       tile_count = tiles.size();
       comparison =
           tiling::compare(tiles, mapped.ground.lattice, mapped.ground.base_zoom, mapped.ground.anchor_px,
-                          reference.points, mapped.ground.gsd_m, reference.strong_track);
+                          reference.points, native->gsd_m, reference.strong_track);
     }
     trial.processor = timingOf(processor);
     trial.wall = timingOf(wall);

@@ -569,7 +569,15 @@ Result<std::vector<Tile>> Mapper::finishCell(const geo::TileKey& cell, Around ne
     mosaic = assembleHeights(fields, kSurfaceMargin, 2.0 * step_m);
     // As wide in texels of the frames, whatever grid they are swept on.
     const int hole_texels = (impl_->options.hole_texels << (2 * coarser)) >> (2 * mosaic.halvings);
-    fillHoles(mosaic.height, mosaic.filled, mosaic.side(), hole_texels, 3.0 * step_m);
+    const auto fill = [&](std::vector<float>& height, std::vector<std::uint8_t>& filled) {
+      fillHoles(height, filled, mosaic.side(), hole_texels, 3.0 * step_m);
+    };
+    std::vector<float> closed = mosaic.height;
+    std::vector<std::uint8_t> closed_marks = mosaic.filled;
+    fill(closed, closed_marks);
+    removeNeedles(mosaic.height, closed, mosaic.side(),
+                  impl_->ground.texel_m * (impl_->options.tile_size << impl_->scale) / mosaic.texels);
+    fill(mosaic.height, mosaic.filled);
   }
   auto tiles = impl_->colour(cell, std::move(mosaic), std::move(frame_set));
   impl_->forgetOldCells();

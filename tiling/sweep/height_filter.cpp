@@ -157,6 +157,91 @@ void removeIslands(std::span<float> height, int side, double max_step_m, int min
   for (const std::size_t i : doomed) height[i] = std::numeric_limits<float>::quiet_NaN();
 }
 
+namespace {
+
+// The largest surface below `mask` that `marker` (nowhere above it) can rise to along 8-connected texels, in
+// place: two scans, then a queue for what they leave (Vincent's hybrid algorithm). Both have a rim of one
+// texel that is as low as can be.
+void reconstruct(cv::Mat_<float>& marker, const cv::Mat_<float>& mask) {
+  const int side = mask.cols;
+  const auto n = static_cast<std::ptrdiff_t>(side);
+  float* const m = marker[0];
+  const float* const most = mask[0];
+  for (int y = 1; y < side - 1; ++y)
+    for (std::ptrdiff_t i = y * n + 1; i < (y + 1) * n - 1; ++i) {
+      const float before = std::max(std::max(m[i - n - 1], m[i - n]), std::max(m[i - n + 1], m[i - 1]));
+      m[i] = std::min(std::max(m[i], before), most[i]);
+    }
+  std::vector<std::ptrdiff_t> queue;
+  for (int y = side - 2; y > 0; --y)
+    for (std::ptrdiff_t i = (y + 1) * n - 2; i > y * n; --i) {
+      const std::ptrdiff_t after[4] = {i + 1, i + n - 1, i + n, i + n + 1};
+      float best = m[i];
+      for (const std::ptrdiff_t k : after) best = std::max(best, m[k]);
+      m[i] = std::min(best, most[i]);
+      for (const std::ptrdiff_t k : after)
+        if (m[k] < m[i] && m[k] < most[k]) {
+          queue.push_back(i);
+          break;
+        }
+    }
+  for (std::size_t head = 0; head < queue.size(); ++head) {
+    const std::ptrdiff_t i = queue[head];
+    for (const std::ptrdiff_t k : {i - n - 1, i - n, i - n + 1, i - 1, i + 1, i + n - 1, i + n, i + n + 1}) {
+      const float up_to = std::min(m[i], most[k]);
+      if (m[k] >= up_to) continue;
+      m[k] = up_to;
+      queue.push_back(k);
+    }
+  }
+}
+
+}  // namespace
+
+void removeNeedles(std::span<float> height, std::span<const float> closed, int side, double texel_m) {
+  constexpr float kUnknown = std::numeric_limits<float>::max();
+  constexpr int kWidths[] = {9, 17, 33, 65};  // texels
+  constexpr int kAround = 129;
+  constexpr double kAspect = 5, kLeast = 60;  // times the width; texels
+  const auto most = [&](int width) {
+    return static_cast<float>(std::max(kLeast, kAspect * width) * texel_m);
+  };
+  const cv::Mat_<float> field(side, side, const_cast<float*>(closed.data()));
+  cv::Mat_<float> known = field.clone(), mask = field.clone();
+  for (int i = 0; i < side * side; ++i)
+    if (std::isnan(field(i))) {
+      known(i) = kUnknown;
+      mask(i) = -kUnknown;
+    }
+  cv::Mat_<float> ground;  // the lowest around, where holes let no square fit
+  cv::erode(known, ground, cv::Mat::ones(kAround, kAround, CV_8U));
+  const auto padded = [](const cv::Mat_<float>& inner) {
+    cv::Mat_<float> out;
+    cv::copyMakeBorder(inner, out, 1, 1, 1, 1, cv::BORDER_CONSTANT, cv::Scalar(-kUnknown));
+    return out;
+  };
+  const auto stands = [&](int i, float kept, float above) {
+    return mask(i) != -kUnknown && mask(i) - std::max(kept, ground(i)) > above;
+  };
+  std::vector<int> high, needles;  // what may be one; what is
+  for (int i = 0; i < side * side; ++i)
+    if (stands(i, -kUnknown, most(0))) high.push_back(i);
+  const cv::Mat_<float> rimmed = padded(mask);
+  for (const int width : kWidths) {
+    std::erase_if(high, [&](int i) { return !stands(i, -kUnknown, most(width)); });
+    if (high.empty()) break;
+    cv::Mat_<float> kept;
+    cv::erode(mask, kept, cv::Mat::ones(width, width, CV_8U));
+    if (std::ranges::none_of(high, [&](int i) { return stands(i, kept(i), most(width)); })) continue;
+    cv::min(cv::InputArray(kept), mask, kept);  // beside the field's border anything may stand
+    cv::Mat_<float> risen = padded(kept);
+    reconstruct(risen, rimmed);
+    for (const int i : high)
+      if (stands(i, risen(i / side + 1, i % side + 1), most(width))) needles.push_back(i);
+  }
+  for (const int i : needles) height[static_cast<std::size_t>(i)] = std::numeric_limits<float>::quiet_NaN();
+}
+
 void fillHoles(std::span<float> height, std::span<std::uint8_t> filled, int side, int max_texels,
                double step_m) {
   const std::vector<float> source(height.begin(), height.end());

@@ -34,6 +34,14 @@ inline constexpr int kCeilingBlock = 8;
 // `max_step_m` from texel to texel (spikes and dents, 5.5.1).
 void removeIslands(std::span<float> height, int side, double max_step_m, int min_texels);
 
+// Sets to NaN what stands like a needle, far higher than it is wide: where false matches of hidden or
+// repeating ground end, and with them true poles and masts. Kept at a height is what a square of measured
+// texels fits into somewhere, and what connects to it at that height (opening by reconstruction, L. Vincent
+// 1993), for squares of several widths: nothing narrower than w stands more than 5 w, and 60 texels, above
+// what is around it. `closed`: the same field with its small holes filled, so that a roof with holes is a
+// roof; `texel_m`: of the field.
+void removeNeedles(std::span<float> height, std::span<const float> closed, int side, double texel_m);
+
 // Fills holes (NaN) of at most `max_texels` texels from the heights around them: inverse-distance mean along
 // eight directions, leaving out those that stand more than `step_m` above the lowest (a hole beside a wall is
 // ground in the shade of the wall, not a ramp). Marks filled texels in `filled` (1). Holes that touch the

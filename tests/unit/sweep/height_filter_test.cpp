@@ -127,6 +127,60 @@ TEST(FillHoles, InterpolatesASmallHoleAndMarksIt) {
     }
 }
 
+// A town on a slope, a tenth of a metre a texel: what is removed is what nothing as wide as a fifth of its
+// height holds up.
+TEST(RemoveNeedles, TakesWhatIsFarHigherThanWideAndLeavesTheTown) {
+  constexpr int kSide = 300;
+  constexpr double kTexel_m = 0.1;
+  std::vector<float> height(flat(kSide, 0.0f));
+  std::vector<std::uint8_t> needle(height.size(), 0);
+  for (int y = 0; y < kSide; ++y)
+    for (int x = 0; x < kSide; ++x) {
+      float& h = height[at(x, y, kSide)];
+      h = 0.05f * static_cast<float>(x);
+      const auto within = [&](int x0, int y0, int width, int depth) {
+        return x >= x0 && x < x0 + width && y >= y0 && y < y0 + depth;
+      };
+      if (within(20, 20, 90, 70)) h += 40;                     // a tower
+      if (std::abs(x - 200) + std::abs(y - 70) < 60) h += 40;  // one that is turned: its corners, too
+      if (within(20, 150, 200, 3)) h += 2;                     // a wall
+      if (std::hypot(x - 150, y - 200) < 20) h += 12;          // a tree
+      if (within(200, 200, 80, 80) && x % 9 != 0) h += 30;     // a roof with stripes of holes
+      const bool pole = within(60, 240, 6, 6), lump = within(110, 40, 50, 50), on_roof = within(50, 40, 5, 5);
+      if (pole) h += 25;
+      if (lump) h += 70;  // beside the tower, 30 m above it
+      if (on_roof) h += 20;
+      needle[at(x, y, kSide)] = pole || lump || on_roof ? 1 : 0;
+    }
+  std::vector<float> closed = height;
+  for (int y = 200; y < 280; ++y)
+    for (int x = 200; x < 280; ++x)
+      if (x % 9 == 0) {
+        height[at(x, y, kSide)] = kNaN;
+        closed[at(x, y, kSide)] = height[at(x + 1, y, kSide)];
+      }
+  std::vector<float> left = height;
+  removeNeedles(left, closed, kSide, kTexel_m);
+  for (int y = 0; y < kSide; ++y)
+    for (int x = 0; x < kSide; ++x) {
+      const std::size_t i = at(x, y, kSide);
+      if (needle[i] != 0) {
+        ASSERT_TRUE(std::isnan(left[i])) << x << ", " << y;
+      } else if (!std::isnan(height[i])) {
+        ASSERT_EQ(left[i], height[i]) << x << ", " << y;
+      }
+    }
+}
+
+TEST(RemoveNeedles, DoesNothingToLevelGroundOrNoGround) {
+  for (const float value : {3.0f, kNaN}) {
+    std::vector<float> height = flat(40, value);
+    const std::vector<float> closed = height;
+    removeNeedles(height, closed, 40, 0.1);
+    for (const float h : height) EXPECT_EQ(std::isnan(h), std::isnan(value));
+  }
+}
+
 TEST(FillHoles, BesideAWallTheGroundGoesOnAndNoRampComes) {
   constexpr int kSide = 24;
   std::vector<float> height = flat(kSide, 2.0f);
