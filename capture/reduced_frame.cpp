@@ -22,7 +22,8 @@ Result<FramePtr> reduced(const Frame& frame, int divide) {
   if (out->camera.width < 1 || out->camera.height < 1)
     return fail(ErrorCode::BadInput, fmt::format("{} has too few pixels to be reduced", frame.name));
   // The decoder rounds up: what stands over is of a part of a pixel.
-  Image& whole = *image;
+  if (image->width < out->camera.width || image->height < out->camera.height)
+    return fail(ErrorCode::BadInput, fmt::format("{} is not of its camera's size", frame.name));
   out->image.format = PixelFormat::Rgb8;
   out->image.width = out->camera.width;
   out->image.height = out->camera.height;
@@ -30,7 +31,7 @@ Result<FramePtr> reduced(const Frame& frame, int divide) {
   out->image.bytes.resize(static_cast<std::size_t>(out->image.stride) *
                           static_cast<std::size_t>(out->image.height));
   for (int y = 0; y < out->image.height; ++y)
-    std::copy_n(whole.bytes.begin() + static_cast<std::ptrdiff_t>(y) * whole.stride, out->image.stride,
+    std::copy_n(image->bytes.begin() + static_cast<std::ptrdiff_t>(y) * image->stride, out->image.stride,
                 out->image.bytes.begin() + static_cast<std::ptrdiff_t>(y) * out->image.stride);
   return FramePtr(std::move(out));
 }

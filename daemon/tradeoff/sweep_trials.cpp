@@ -28,15 +28,9 @@ class Grid {
     setting.options.sweep = point.applied(setting.options.sweep);
     settings_.push_back(std::move(setting));
   }
-  void addCoarser(const daemon::OperatingPoint& point, int zooms) {
-    SweepSetting setting{
-        "combined", fmt::format("texels of {} GSD, {}", 1 << zooms, point.name), false, defaults_, zooms, {}};
-    setting.options.sweep = point.applied(setting.options.sweep);
-    settings_.push_back(std::move(setting));
-  }
-  void addReduced(const daemon::OperatingPoint& point, int reduce) {
-    SweepSetting setting{
-        "combined", fmt::format("frames 1/{}, {}", reduce, point.name), false, defaults_, 0, {}, reduce};
+  // Of a map `coarser` zooms above what the frames allow, or of frames reduced so many times.
+  void addScaled(const std::string& scale, const daemon::OperatingPoint& point, int coarser, int reduce) {
+    SweepSetting setting{"combined", scale + ", " + point.name, false, defaults_, coarser, {}, reduce};
     setting.options.sweep = point.applied(setting.options.sweep);
     settings_.push_back(std::move(setting));
   }
@@ -127,24 +121,16 @@ std::vector<SweepSetting> sweepSettings(bool quick) {
         p.name = nameOf(p);
         if (p.name != standard.name) grid.addPoint(p, false);
       }
-  // Coarser maps: what a search from far above needs, and the fast end of the front.
-  for (const int zooms : {1, 2}) {
-    grid.addCoarser(standard, zooms);
-    daemon::OperatingPoint p = standard;
-    p.two_surfaces = false;
-    p.widenings = 0;
-    p.images = 4;
-    p.name = nameOf(p);
-    grid.addCoarser(p, zooms);
-  }
-  for (const int reduce : {2, 4, 8}) {
-    grid.addReduced(standard, reduce);
-    daemon::OperatingPoint p = standard;
-    p.two_surfaces = false;
-    p.widenings = 0;
-    p.images = 4;
-    p.name = nameOf(p);
-    grid.addReduced(p, reduce);
+  // Coarser maps, and reduced frames: what a search from far above needs, and the fast end of the front.
+  daemon::OperatingPoint quickly = standard;
+  quickly.two_surfaces = false;
+  quickly.widenings = 0;
+  quickly.images = 4;
+  quickly.name = nameOf(quickly);
+  for (const auto* point : {&standard, &quickly}) {
+    for (const int zooms : {1, 2})
+      grid.addScaled(fmt::format("texels of {} GSD", 1 << zooms), *point, zooms, 1);
+    for (const int reduce : {2, 4, 8}) grid.addScaled(fmt::format("frames 1/{}", reduce), *point, 0, reduce);
   }
   grid.add("combined", "plane step 0.4, regularised", [](MapperOptions& o) {
     o.sweep.plane_step = 0.4;

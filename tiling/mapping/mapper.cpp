@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <ctime>
 #include <list>
 #include <map>
 #include <numeric>
@@ -27,34 +28,27 @@ constexpr int kSurfaceMargin = 96;  // sweep texels around a cell in which occlu
 constexpr int kThumbnailLevel = 3;
 constexpr double kFinerThanFrames = 0.9;  // texels of the sweep are not smaller, in GSD of the frames
 
-double processorSeconds() {
-  timespec now{};
-  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
-
-class ProcessorWatch {
- public:
-  explicit ProcessorWatch(double& total) : total_(total), start_s_(processorSeconds()) {}
-  ~ProcessorWatch() { total_ += processorSeconds() - start_s_; }
-  ProcessorWatch(const ProcessorWatch&) = delete;
-  ProcessorWatch& operator=(const ProcessorWatch&) = delete;
-
- private:
-  double& total_;
-  double start_s_;
-};
-
+// Adds the time of its life to a total, and the processor time of all threads to another.
 class Stopwatch {
  public:
-  explicit Stopwatch(double& total) : total_(total), start_(std::chrono::steady_clock::now()) {}
-  ~Stopwatch() { total_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count(); }
+  explicit Stopwatch(double& total, double* processor = nullptr)
+      : total_(total),
+        processor_(processor),
+        start_(std::chrono::steady_clock::now()),
+        processor_start_(std::clock()) {}
+  ~Stopwatch() {
+    total_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    if (processor_ != nullptr)
+      *processor_ += static_cast<double>(std::clock() - processor_start_) / CLOCKS_PER_SEC;
+  }
   Stopwatch(const Stopwatch&) = delete;
   Stopwatch& operator=(const Stopwatch&) = delete;
 
  private:
   double& total_;
+  double* processor_;
   std::chrono::steady_clock::time_point start_;
+  std::clock_t processor_start_;
 };
 
 // A cell as it was last swept.
@@ -333,8 +327,7 @@ Result<Mapper::Impl::Held> Mapper::Impl::hold(std::uint64_t id, bool with_match)
   if (!with_match) return held;
   auto found = match_images.find(id);
   if (found == match_images.end() || found->second.first.lock() != held.frame) {
-    const Stopwatch watch(statistics.match_s);
-    const ProcessorWatch processor(statistics.sweep_processor_s);
+    const Stopwatch watch(statistics.match_s, &statistics.sweep_processor_s);
     std::erase_if(match_images, [](const auto& entry) { return entry.second.first.expired(); });
     auto match = matcher->make(held.frame->luma, held.frame->color);
     if (!match) return tl::unexpected(match.error());
@@ -392,8 +385,7 @@ Result<SweptCell*> Mapper::Impl::swept(const geo::TileKey& cell, bool* changed) 
   const geo::TileFrame frame(ground.lattice, cell);
   const SweepGrid grid{&frame,          options.tile_size,   16,
                        ground.height_m, ground.min_height_m, ground.max_height_m};
-  const Stopwatch watch(statistics.sweep_s);
-  const ProcessorWatch processor(statistics.sweep_processor_s);
+  const Stopwatch watch(statistics.sweep_s, &statistics.sweep_processor_s);
   auto field = sweeper->run(grid, views, sweep);
   if (!field) return tl::unexpected(field.error());
   statistics.samples += field->samples;

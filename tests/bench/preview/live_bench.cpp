@@ -12,7 +12,8 @@ namespace overfly::bench {
 namespace {
 
 // "tiles": of the finest level, replaced a second; "aside": images are made on a thread of the cache's own.
-// "beyond_3_ms": share of the updates by the wall clock. "coarser": share of the pixels drawn coarser than
+// "beyond_3_ms": share of the updates by the wall clock; "undisturbed_beyond_3_ms": of those in which the
+// thread kept its core. "coarser": share of the pixels drawn coarser than
 // their distance calls for.
 void LiveFlight(benchmark::State& state) {
   static gl::Context context = gl::Context::create().value();
@@ -38,6 +39,14 @@ void LiveFlight(benchmark::State& state) {
     state.counters["pictures_after"] = f.pictures_after;
     state.counters["beyond_3_ms"] =
         static_cast<double>(std::ranges::count_if(f.wall_ms, [](double ms) { return ms > 3; })) / count;
+    double undisturbed = 0, long_ones = 0;
+    for (std::size_t i = 0; i < f.wall_ms.size(); ++i) {
+      if (f.interrupted[i]) continue;
+      ++undisturbed;
+      long_ones += f.wall_ms[i] > 3 ? 1 : 0;
+    }
+    state.counters["undisturbed"] = undisturbed / count;
+    state.counters["undisturbed_beyond_3_ms"] = long_ones / std::max(undisturbed, 1.0);
     state.counters["cpu_beyond_3_ms"] =
         static_cast<double>(std::ranges::count_if(f.cpu_ms, [](double ms) { return ms > 3; })) / count;
     for (const auto& [name, share] : kShares) {

@@ -1,4 +1,5 @@
 #pragma once
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -154,6 +155,7 @@ struct LiveFigures {
                              // be drawn a picture before
   std::size_t coarser = 0;   // pixels drawn coarser than their distance calls for
   std::vector<double> wall_ms, cpu_ms;  // of each update; CPU time of the thread that draws
+  std::vector<bool> interrupted;        // in the update the thread was taken off its core, or waited
   std::vector<double> picture_ms;       // from one picture to the next
   int pictures_after = 0;               // until everything written last is drawn
 };
@@ -162,6 +164,13 @@ inline double threadMilliseconds() {
   timespec now{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
   return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) * 1e-6;
+}
+
+// Of the calling thread so far, of its own will or not.
+inline long contextSwitches() {
+  rusage usage{};
+  getrusage(RUSAGE_THREAD, &usage);
+  return usage.ru_nvcsw + usage.ru_nivcsw;
 }
 
 // Flies over the map at 5 m/s and 45 m above the ground for the first half of the time, and rests for the
@@ -226,10 +235,12 @@ inline Result<LiveFigures> flyOver(gl::Context& context, ChangingMapFile& map, i
   for (auto last = begin; since(begin) < seconds; ++out.frames) {
     place(5 * std::min(since(begin), seconds / 2));
     const double cpu = threadMilliseconds();
+    const long switches = contextSwitches();
     const auto update_begin = Clock::now();
     const auto update = previewer.refine(view, look, budget);
     out.wall_ms.push_back(1e3 * since(update_begin));
     out.cpu_ms.push_back(threadMilliseconds() - cpu);
+    out.interrupted.push_back(contextSwitches() != switches);
     if (!update) return tl::unexpected(update.error());
     out.uploads += update->uploads;
     const auto picture = previewer.caster().draw(view, *previewer.frame(), look, *previewer.cache(),

@@ -60,6 +60,8 @@ TEST(ReducedFrame, RefusesWhatIsNoFraction) {
   EXPECT_EQ(reduced(frame, 3).error().code, ErrorCode::BadInput);
   EXPECT_EQ(reduced(frame, 4).error().code, ErrorCode::BadInput);
   EXPECT_TRUE(reduced(frame, 2));
+  frame.camera.height = 5;  // its camera's images have rows that this one lacks
+  EXPECT_EQ(reduced(frame, 1).error().code, ErrorCode::BadInput);
 }
 
 }  // namespace
