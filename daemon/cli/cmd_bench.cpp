@@ -97,13 +97,13 @@ Result<int> tradeoffReport(const Arguments& a, const Context& context) {
                     {"driver", gl_context->info().version},
                     {"processors", std::to_string(std::thread::hardware_concurrency())},
                     {"repeats", fmt::format("{}, after one run to warm up", repeats)}};
-  std::vector<std::vector<daemon::OperatingPoint>> points;  // by flight
+  std::vector<std::vector<daemon::OperatingPoint>> points;  // by flight, and by scene where no flight is
 
   const auto sweepOn = [&](tradeoff::FlightReference reference) -> Result<tradeoff::ReportSection*> {
     Steps steps("sweep of " + reference.name);
     auto swept = tradeoff::trySweep(*gl_context, reference, settings, repeats, std::ref(steps));
     if (!swept) return tl::unexpected(swept.error());
-    points.push_back(std::move(swept->points));
+    if (a.flights.empty() || points.size() < a.flights.size()) points.push_back(std::move(swept->points));
     report.sections.push_back({reference.name, reference.reference, std::move(swept->trials)});
     // What is done is not lost if something after it fails.
     if (auto written = tradeoff::writeReport(report, a.output); !written)
@@ -193,7 +193,7 @@ void build(CLI::App& command, Context& context) {
       ->required();
   app->add_option("--table", arguments->table,
                   "also write the governor's table of operating points, its errors and times the means over "
-                  "all flights");
+                  "all flights, or over the scenes where no flight is given");
   app->add_option("--repeats", arguments->repeats, "runs of every setting; default 3, with --quick 1")
       ->check(CLI::Range(1, 100));
   app->add_option("--frames", arguments->frames, "only the first frames of a scene; 0: all")

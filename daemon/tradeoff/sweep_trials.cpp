@@ -122,15 +122,18 @@ std::vector<SweepSetting> sweepSettings(bool quick) {
         if (p.name != standard.name) grid.addPoint(p, false);
       }
   // Coarser maps, and reduced frames: what a search from far above needs, and the fast end of the front.
-  daemon::OperatingPoint quickly = standard;
-  quickly.two_surfaces = false;
-  quickly.widenings = 0;
+  daemon::OperatingPoint middling = standard;
+  middling.two_surfaces = false;
+  middling.widenings = 0;
+  middling.images = 8;
+  daemon::OperatingPoint quickly = middling;
+  middling.finest_level = 1;
   quickly.images = 4;
-  quickly.name = nameOf(quickly);
-  for (const auto* point : {&standard, &quickly}) {
+  for (daemon::OperatingPoint point : {standard, middling, quickly}) {
+    point.name = nameOf(point);
     for (const int zooms : {1, 2})
-      grid.addScaled(fmt::format("texels of {} GSD", 1 << zooms), *point, zooms, 1);
-    for (const int reduce : {2, 4, 8}) grid.addScaled(fmt::format("frames 1/{}", reduce), *point, 0, reduce);
+      grid.addScaled(fmt::format("texels of {} GSD", 1 << zooms), point, zooms, 1);
+    for (const int reduce : {2, 4, 8}) grid.addScaled(fmt::format("frames 1/{}", reduce), point, 0, reduce);
   }
   grid.add("combined", "plane step 0.4, regularised", [](MapperOptions& o) {
     o.sweep.plane_step = 0.4;
