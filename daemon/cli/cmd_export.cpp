@@ -60,8 +60,8 @@ void build(CLI::App& command, Context& context) {
   command.add_option("MAP", arguments->map, "the map's .overfly file; it may be in use")->required();
   command.add_option("OUT", arguments->out, "a .tif, .mbtiles or .pmtiles file, or a folder for Z/X/Y tiles")
       ->required();
-  command.add_option("--layer", arguments->layer, "color, elevation or quality")
-      ->check(CLI::IsMember({"color", "elevation", "quality"}))
+  command.add_option("--layer", arguments->layer, "color, elevation, quality, thermal or near_infrared")
+      ->check(CLI::IsMember({"color", "elevation", "quality", "thermal", "near_infrared"}))
       ->capture_default_str();
   command
       .add_option("--zoom", arguments->zoom, "the finest zoom to export (default: the map's full resolution)")

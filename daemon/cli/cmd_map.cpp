@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <chrono>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -11,16 +12,18 @@
 #include "daemon/cli/planar_command.h"
 #include "daemon/cli/progress.h"
 #include "tiling/mapping/batch_map.h"
+#include "tiling/mapping/drape.h"
 #include "tiling/mapping/mapper_settings.h"
 #include "tiling/pyramid/map_writer.h"
 #include "tiling/pyramid/pyramid.h"
 #include "tiling/store/make_frame_record.h"
+#include "tiling/store/tile_codec.h"
 
 namespace overfly::cli {
 namespace {
 
 struct Arguments {
-  std::string flight, map, lattice = "webmercator";
+  std::string flight, map, onto, layer, lattice = "webmercator";
   double gsd_m = 0, ground_m = 0;
   bool ground_given = false, planar = false;
   int tile_size = 0, cache_mb = 256, reduce = 1;  // tile_size 0: the setting's
@@ -37,7 +40,82 @@ tiling::FrameRecord recordOf(std::uint64_t id, const capture::FlightFrame& sourc
   return record;
 }
 
+// The frames of a second camera, over the surface of a map that is there.
+Result<int> mapOnto(const Arguments& arguments, const Context& context) {
+  const auto start = std::chrono::steady_clock::now();
+  const tiling::Layer layer = *tiling::layerNamed(arguments.layer);
+  auto flight = capture::importFlight(arguments.flight);
+  if (!flight) return tl::unexpected(flight.error());
+  auto store = tiling::MapStore::open(arguments.onto);
+  if (!store) return tl::unexpected(store.error());
+  const tiling::MapMeta& meta = store->meta();
+  if (meta.datum != flight->info().datum)
+    return fail(ErrorCode::BadInput,
+                arguments.onto + " and " + arguments.flight +
+                    " count heights from different surfaces: give the flight that was taken together with "
+                    "the map's");
+  auto lattice = geo::TileLattice::parse(meta.lattice);
+  if (!lattice) return tl::unexpected(lattice.error());
+  auto reader = store->reader();
+  if (!reader) return tl::unexpected(reader.error());
+  auto loaded = loadSettings(context);
+  if (!loaded) return tl::unexpected(loaded.error());
+  auto gl_context = openGpu(context);
+  if (!gl_context) return tl::unexpected(gl_context.error());
+
+  tiling::DrapeSurface surface;
+  surface.lattice = *lattice;
+  surface.base_zoom = meta.base_zoom;
+  const auto extra = nlohmann::json::parse(meta.extra, nullptr, false);
+  const nlohmann::json::json_pointer anchor("/ground/anchor_px");
+  if (!extra.is_discarded() && extra.contains(anchor) && extra[anchor].is_number())
+    surface.anchor_px = extra[anchor];
+  surface.heights = [&](const geo::TileKey& key) -> Result<std::vector<float>> {
+    auto tile = tiling::readTile(*reader, key, tiling::only(tiling::Layer::Elevation));
+    if (tile) return std::move(tile->elevation);
+    if (tile.error().code == ErrorCode::NotFound) return std::vector<float>();
+    return tl::unexpected(tile.error());
+  };
+  tiling::MapperOptions options = tiling::mapperOptions(loaded->settings);
+  options.tile_size = meta.tile_size;
+  tiling::MapWriter writer(*store);
+  std::size_t tiles = 0;
+  StageProgress progress("mapping ");
+  auto result = tiling::drapeFlight(
+      *gl_context, *flight, surface, options,
+      [&](tiling::Tile&& tile) {
+        ++tiles;
+        return writer.addPicture(tile, layer);
+      },
+      std::ref(progress));
+  progress.finish();
+  if (!result) return tl::unexpected(result.error());
+  if (auto ok = writer.flush(); !ok) return tl::unexpected(ok.error());
+  auto parents = tiling::makePyramid(*store, layer);
+  if (!parents) return tl::unexpected(parents.error());
+  const double wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  if (context.json) {
+    fmt::print("{}\n", nlohmann::json{{"map", arguments.onto},
+                                      {"layer", arguments.layer},
+                                      {"frames", result->frames_used},
+                                      {"refused", result->refused},
+                                      {"tiles", tiles},
+                                      {"parents", *parents},
+                                      {"wall_s", wall_s}}
+                           .dump(2));
+    return kOk;
+  }
+  fmt::print("{}: {} tiles of the layer {} at zoom {} and {} above them, from {} frames in {:.1f} s\n",
+             arguments.onto, tiles, arguments.layer, meta.base_zoom, *parents, result->frames_used, wall_s);
+  for (const std::string& refused : result->refused) fmt::print("not used: {}\n", refused);
+  return kOk;
+}
+
 Result<int> run(const Arguments& arguments, const Context& context) {
+  if (!arguments.onto.empty()) return mapOnto(arguments, context);
+  if (arguments.map.empty())
+    return fail(ErrorCode::BadSettings,
+                "name the map to make with -o, or the one to add a layer to with --onto");
   auto lattice = geo::TileLattice::parse(arguments.lattice);
   if (!lattice) return fail(ErrorCode::BadSettings, "--lattice: " + lattice.error().message);
   if (std::filesystem::exists(arguments.map))
@@ -132,8 +210,15 @@ Result<int> run(const Arguments& arguments, const Context& context) {
 void build(CLI::App& command, Context& context) {
   auto arguments = std::make_shared<Arguments>();
   command.add_option("FLIGHT", arguments->flight, "folder of a flight")->required();
-  command.add_option("-o,--output", arguments->map, "map file to make")->required();
-  command.add_option("--lattice", arguments->lattice, "webmercator, utm:33N, ups:N, local:LAT,LON");
+  CLI::Option* output = command.add_option("-o,--output", arguments->map, "map file to make");
+  CLI::Option* onto = command.add_option(
+      "--onto", arguments->onto, "a map to lay the flight's pictures over, as a layer of a second camera");
+  CLI::Option* layer =
+      command.add_option("--layer", arguments->layer, "with --onto: thermal or near_infrared");
+  layer->check(CLI::IsMember({"thermal", "near_infrared"}))->needs(onto);
+  onto->excludes(output)->needs(layer);
+  command.add_option("--lattice", arguments->lattice, "webmercator, utm:33N, ups:N, local:LAT,LON")
+      ->excludes(onto);
   command.add_option("--gsd", arguments->gsd_m, "ground sampling distance of the finest level, metres");
   CLI::Option* ground =
       command.add_option("--ground", arguments->ground_m,

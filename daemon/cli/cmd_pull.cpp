@@ -211,7 +211,7 @@ void build(CLI::App& command, Context& context) {
       ->required();
   command.add_option("--layers", arguments->layers, "only these layers (default: all)")
       ->delimiter(',')
-      ->check(CLI::IsMember({"color", "elevation", "elevation_max", "quality"}));
+      ->check(CLI::IsMember({"color", "elevation", "elevation_max", "quality", "thermal", "near_infrared"}));
   command.add_flag("--once", arguments->once, "end when everything that the drone has is here");
   command
       .add_option("--give-up", arguments->give_up_s,

@@ -34,7 +34,8 @@ double secondsSince(Clock::time_point then) {
 
 constexpr tiling::LayerSet kPulled =
     tiling::only(tiling::Layer::Color) | tiling::only(tiling::Layer::Elevation) |
-    tiling::only(tiling::Layer::ElevationMax) | tiling::only(tiling::Layer::Quality);
+    tiling::only(tiling::Layer::ElevationMax) | tiling::only(tiling::Layer::Quality) |
+    tiling::only(tiling::Layer::Thermal) | tiling::only(tiling::Layer::NearInfrared);
 
 std::string layerNames(tiling::LayerSet layers) {
   std::string out;

@@ -12,8 +12,8 @@ namespace overfly::tiling {
 namespace detail {
 
 Result<ExportSource> openSource(const MapReader& reader, const ExportOptions& options) {
-  if (options.layer != Layer::Color && options.layer != Layer::Elevation && options.layer != Layer::Quality)
-    return fail(ErrorCode::BadInput, "only color, elevation and quality can be exported");
+  if (!isPicture(options.layer) && options.layer != Layer::Elevation && options.layer != Layer::Quality)
+    return fail(ErrorCode::BadInput, "only pictures, elevation and quality can be exported");
   Result<MapMeta> meta = reader.meta();
   if (!meta) return tl::unexpected(meta.error());
   Result<geo::TileLattice> lattice = geo::TileLattice::parse(meta->lattice);

@@ -19,7 +19,7 @@ enum class ExportFormat {
 };
 
 struct ExportOptions {
-  Layer layer = Layer::Color;  // Color, Elevation or Quality
+  Layer layer = Layer::Color;  // a picture, Elevation or Quality
   std::optional<int> zoom;     // the finest to export; absent: level 0, else the finest there is
   // GeoTIFF only. The target CRS: an EPSG code, or the UTM zone of the map's middle; absent: the lattice's.
   std::optional<int> epsg;

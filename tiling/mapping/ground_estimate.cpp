@@ -10,6 +10,7 @@ namespace {
 
 constexpr double kMinOverlap = 0.2;
 constexpr double kMinCorrelation = 0.5;
+constexpr double kLeastParallax = 0.5;  // thumbnail pixels
 
 double correlation(const LumaPairs& pairs) {
   const auto n = static_cast<double>(pairs.a.size());
@@ -49,9 +50,12 @@ std::optional<PairGround> groundOfPair(const Thumbnail& a, const Thumbnail& b) {
       best_parallax = parallax;
     }
   };
-  for (double parallax = 0.5; parallax < 0.9 * std::max(a.camera.width, a.camera.height); parallax += 0.75)
+  for (double parallax = kLeastParallax; parallax < 0.9 * std::max(a.camera.width, a.camera.height);
+       parallax += 0.75)
     probe(parallax, 3);
-  if (best.correlation < 0) return std::nullopt;
+  // Pictures that do not move against each other although the camera did (a frozen camera, dirt on the lens)
+  // say nothing of the ground.
+  if (best.correlation < 0 || best_parallax == kLeastParallax) return std::nullopt;
   const double coarse = best_parallax;
   best.correlation = -1;
   for (double d = -1.0; d <= 1.0; d += 0.125)

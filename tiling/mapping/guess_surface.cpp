@@ -1,11 +1,29 @@
 #include "tiling/mapping/guess_surface.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace overfly::tiling {
+namespace {
 
-std::vector<float> guessSurface(std::span<const float> height, int side, double fallback_m) {
+// The weighted mean of four heights without those above the lowest and a step; NaN of none.
+float lowMean(const std::array<float, 4>& heights, const std::array<float, 4>& weights, float step_m) {
+  float lowest = INFINITY;
+  for (std::size_t k = 0; k < 4; ++k)
+    if (weights[k] > 0 && heights[k] < lowest) lowest = heights[k];
+  float sum = 0, total = 0;
+  for (std::size_t k = 0; k < 4; ++k) {
+    if (!(weights[k] > 0 && heights[k] <= lowest + step_m)) continue;
+    sum += weights[k] * heights[k];
+    total += weights[k];
+  }
+  return total > 0 ? sum / total : NAN;
+}
+
+}  // namespace
+
+std::vector<float> guessSurface(std::span<const float> height, int side, double step_m, double fallback_m) {
   std::vector<float> result(height.begin(), height.end());
   if (side <= 1) {
     for (float& h : result)
@@ -15,16 +33,18 @@ std::vector<float> guessSurface(std::span<const float> height, int side, double 
   const auto n = static_cast<std::size_t>(side);
   const int half = (side + 1) / 2;
   const auto m = static_cast<std::size_t>(half);
+  const auto step = static_cast<float>(step_m);
   if (std::none_of(result.begin(), result.end(), [](float h) { return std::isnan(h); })) return result;
-  std::vector<float> coarse(m * m, 0.0f), count(m * m, 0.0f);
-  for (std::size_t y = 0; y < n; ++y)
-    for (std::size_t x = 0; x < n; ++x)
-      if (const float h = result[y * n + x]; !std::isnan(h)) {
-        coarse[(y / 2) * m + x / 2] += h;
-        count[(y / 2) * m + x / 2] += 1;
-      }
-  for (std::size_t i = 0; i < coarse.size(); ++i) coarse[i] = count[i] > 0 ? coarse[i] / count[i] : NAN;
-  coarse = guessSurface(coarse, half, fallback_m);
+  std::vector<float> coarse(m * m);
+  for (std::size_t y = 0; y < m; ++y)
+    for (std::size_t x = 0; x < m; ++x) {
+      const std::size_t left = 2 * x, top = 2 * y, right = std::min(left + 1, n - 1),
+                        bottom = std::min(top + 1, n - 1);
+      coarse[y * m + x] = lowMean({result[top * n + left], result[top * n + right], result[bottom * n + left],
+                                   result[bottom * n + right]},
+                                  {1, 1, 1, 1}, step);
+    }
+  coarse = guessSurface(coarse, half, 2 * step_m, fallback_m);
   for (std::size_t y = 0; y < n; ++y)
     for (std::size_t x = 0; x < n; ++x) {
       float& h = result[y * n + x];
@@ -36,8 +56,8 @@ std::vector<float> guessSurface(std::span<const float> height, int side, double 
       const std::size_t jx = std::min(ix + 1, m - 1), jy = std::min(iy + 1, m - 1);
       const auto fx = static_cast<float>(px - static_cast<double>(ix)),
                  fy = static_cast<float>(py - static_cast<double>(iy));
-      h = (1 - fy) * ((1 - fx) * coarse[iy * m + ix] + fx * coarse[iy * m + jx]) +
-          fy * ((1 - fx) * coarse[jy * m + ix] + fx * coarse[jy * m + jx]);
+      h = lowMean({coarse[iy * m + ix], coarse[iy * m + jx], coarse[jy * m + ix], coarse[jy * m + jx]},
+                  {(1 - fy) * (1 - fx), (1 - fy) * fx, fy * (1 - fx), fy * fx}, 2 * step);
     }
   return result;
 }

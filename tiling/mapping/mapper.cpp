@@ -468,7 +468,8 @@ Result<std::vector<Tile>> Mapper::Impl::colour(const geo::TileKey& cell, HeightM
   const int side = mosaic.side();
   std::vector<std::uint8_t> provisional(mosaic.height.size());
   for (std::size_t i = 0; i < provisional.size(); ++i) provisional[i] = std::isnan(mosaic.height[i]) ? 1 : 0;
-  const std::vector<float> surface = guessSurface(mosaic.height, side, ground.height_m);
+  const double texel_m = ground.texel_m * (options.tile_size << scale) / mosaic.texels;
+  const std::vector<float> surface = guessSurface(mosaic.height, side, 2 * texel_m, ground.height_m);
   const geo::TileFrame frame(ground.lattice, cell);
   const int size = options.tile_size << scale;
   if (auto ok = rest(); !ok) return tl::unexpected(ok.error());
@@ -585,6 +586,35 @@ Result<std::vector<Tile>> Mapper::provisionalCell(const geo::TileKey& cell) {
   mosaic.confidence.assign(count, 0);
   mosaic.filled.assign(count, 0);
   return impl_->colour(cell, std::move(mosaic), {});
+}
+
+Result<std::vector<Tile>> Mapper::colourOn(const geo::TileKey& cell,
+                                           const std::array<std::vector<float>, 9>& heights) {
+  HeightMosaic mosaic;
+  mosaic.texels = impl_->options.tile_size << impl_->scale;
+  mosaic.margin = std::min(kSurfaceMargin, mosaic.texels);
+  const int side = mosaic.side();
+  const auto texels = static_cast<std::size_t>(mosaic.texels);
+  for (const std::vector<float>& field : heights)
+    if (!field.empty() && field.size() != texels * texels)
+      return fail(ErrorCode::Internal, "heights of another size than the cell");
+  for (int y = 0; y < side; ++y)
+    for (int x = 0; x < side; ++x) {
+      const int px = x - mosaic.margin + mosaic.texels, py = y - mosaic.margin + mosaic.texels;
+      const std::vector<float>& field =
+          heights[static_cast<std::size_t>(py / mosaic.texels * 3 + px / mosaic.texels)];
+      mosaic.height.push_back(field.empty() ? std::numeric_limits<float>::quiet_NaN()
+                                            : field[static_cast<std::size_t>(py % mosaic.texels) * texels +
+                                                    static_cast<std::size_t>(px % mosaic.texels)]);
+    }
+  mosaic.confidence.assign(mosaic.height.size(), 0);
+  mosaic.filled.assign(mosaic.height.size(), 0);
+  auto tiles = impl_->colour(cell, std::move(mosaic), {});
+  if (!tiles) return tiles;
+  for (Tile& tile : *tiles)
+    for (std::size_t i = 0; i < tile.texels(); ++i)
+      if (std::isnan(tile.elevation[i])) std::fill_n(&tile.color[4 * i], 4, std::uint8_t{0});
+  return tiles;
 }
 
 }  // namespace overfly::tiling

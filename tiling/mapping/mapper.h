@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -119,6 +120,12 @@ class Mapper {
   // Colour at once: the frames projected onto the plane of the typical ground (or what heights there are),
   // marked as provisional.
   [[nodiscard]] Result<std::vector<Tile>> provisionalCell(const geo::TileKey& cell);
+
+  // The cell's frames on a surface that is given: heights of the cell and its eight neighbours, row by row
+  // from north-west, each as many texels as the cell's tiles have, NaN for none; an empty one lacks them all.
+  // Where the cell has no height there is no colour.
+  [[nodiscard]] Result<std::vector<Tile>> colourOn(const geo::TileKey& cell,
+                                                   const std::array<std::vector<float>, 9>& heights);
 
   // Makes anew what it has on the GPU, in `context`: the old context was lost, or memory ran out (then with
   // half of it for decoded frames, at least kLeastFrameBytes). Everything else stays: swept cells are kept,

@@ -12,12 +12,13 @@
 
 namespace overfly::tiling {
 
-Result<std::size_t> makePyramid(MapStore& store) {
+Result<std::size_t> makePyramid(MapStore& store, Layer picture) {
   auto reader = store.reader();
   if (!reader) return tl::unexpected(reader.error());
   MapWriter writer(store);
+  const bool own = picture != Layer::Color;
   std::size_t made = 0;
-  auto listed = reader->keys(store.meta().base_zoom, Layer::Color, {}, SIZE_MAX);
+  auto listed = reader->keys(store.meta().base_zoom, picture, {}, SIZE_MAX);
   if (!listed) return tl::unexpected(listed.error());
   std::vector<geo::TileKey> keys = *listed;
   const auto spread = [&] {
@@ -35,14 +36,16 @@ Result<std::size_t> makePyramid(MapStore& store) {
       std::array<const Tile*, 4> children{};
       for (int i = 0; i < 4; ++i) {
         const auto n = static_cast<std::size_t>(i);
-        auto child = readTile(*reader, geo::childOf(parent, i));
+        auto child = readTile(*reader, geo::childOf(parent, i), own ? only(picture) : kTileLayers);
         if (!child && child.error().code != ErrorCode::NotFound) return tl::unexpected(child.error());
         if (child) {
           held[n] = std::move(*child);
           children[n] = &*held[n];
         }
       }
-      if (auto ok = writer.add(makeParent(parent, children)); !ok) return tl::unexpected(ok.error());
+      const Tile tile = makeParent(parent, children);
+      if (auto ok = own ? writer.addPicture(tile, picture) : writer.add(tile); !ok)
+        return tl::unexpected(ok.error());
       ++made;
     }
     if (auto ok = writer.flush(); !ok) return tl::unexpected(ok.error());

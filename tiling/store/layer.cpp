@@ -14,6 +14,10 @@ std::string_view name(Layer layer) {
       return "quality";
     case Layer::State:
       return "state";
+    case Layer::Thermal:
+      return "thermal";
+    case Layer::NearInfrared:
+      return "near_infrared";
   }
   return "unknown";
 }

@@ -14,11 +14,18 @@ enum class Layer : std::uint8_t {
   ElevationMax = 3,  // upper bound of the surface for the ray-caster, never below the decoded Elevation
   Quality = 4,       // confidence, views, kind and source frame of every texel
   State = 5,         // what the sweep goes on from: heights at full precision
+  Thermal = 6,       // orthophotos of other cameras on the same surface, as Color is
+  NearInfrared = 7,
 };
 inline constexpr Layer kLayers[] = {Layer::Color, Layer::Elevation, Layer::ElevationMax, Layer::Quality,
-                                    Layer::State};
+                                    Layer::State, Layer::Thermal,   Layer::NearInfrared};
+// What cameras saw, draped over the surface.
+inline constexpr Layer kPictures[] = {Layer::Color, Layer::Thermal, Layer::NearInfrared};
+[[nodiscard]] constexpr bool isPicture(Layer layer) {
+  return layer == Layer::Color || layer == Layer::Thermal || layer == Layer::NearInfrared;
+}
 
-// "color", "elevation", "elevation_max", "quality", "state".
+// "color", "elevation", "elevation_max", "quality", "state", "thermal", "near_infrared".
 [[nodiscard]] std::string_view name(Layer layer);
 [[nodiscard]] std::optional<Layer> layerNamed(std::string_view text);
 

@@ -134,12 +134,9 @@ Result<TileWrite> encodeTile(const Tile& tile, const EncodeOptions& options,
   write.provisional = std::any_of(tile.kind.begin(), tile.kind.end(),
                                   [](std::uint8_t kind) { return (kind & kProvisional) != 0; });
   if (!tile.color.empty()) {
-    auto coded = encodeColor(tile.color, tile.size, options.color);
-    if (!coded) return tl::unexpected(coded.error());
-    EncodedLayer layer{Layer::Color, coded->codec, std::move(coded->bytes), {}};
-    for (std::size_t i = 3; i < tile.color.size(); i += 4)
-      layer.statistics.valid += tile.color[i] != 0 ? 1 : 0;
-    write.layers.push_back(std::move(layer));
+    auto picture = encodePicture(tile.color, tile.size, Layer::Color, options.color);
+    if (!picture) return tl::unexpected(picture.error());
+    write.layers.push_back(std::move(*picture));
   }
   if (!tile.elevation.empty()) {
     auto bytes = encodeHeights(tile.elevation, tile.size, options.elevation);
@@ -177,6 +174,15 @@ Result<TileWrite> encodeTile(const Tile& tile, const EncodeOptions& options,
   return write;
 }
 
+Result<EncodedLayer> encodePicture(std::span<const std::uint8_t> rgba, int size, Layer layer,
+                                   const ColorCoding& coding) {
+  auto coded = encodeColor(rgba, size, coding);
+  if (!coded) return tl::unexpected(coded.error());
+  EncodedLayer encoded{layer, coded->codec, std::move(coded->bytes), {}};
+  for (std::size_t i = 3; i < rgba.size(); i += 4) encoded.statistics.valid += rgba[i] != 0 ? 1 : 0;
+  return encoded;
+}
+
 Result<Tile> decodeTile(const TileInfo& info, std::span<const StoredLayer> layers, int size) {
   Tile tile;
   tile.key = info.key;
@@ -185,7 +191,9 @@ Result<Tile> decodeTile(const TileInfo& info, std::span<const StoredLayer> layer
   for (const StoredLayer& stored : layers) {
     const EncodedLayer& encoded = stored.encoded;
     switch (encoded.layer) {
-      case Layer::Color: {
+      case Layer::Color:
+      case Layer::Thermal:
+      case Layer::NearInfrared: {
         auto color = decodeColor(encoded.codec, encoded.bytes, size);
         if (!color) return tl::unexpected(color.error());
         tile.color = std::move(*color);

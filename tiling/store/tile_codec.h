@@ -31,8 +31,12 @@ struct EncodeOptions {
 [[nodiscard]] Result<TileWrite> encodeTile(const Tile& tile, const EncodeOptions& options,
                                            std::span<const float> elevation_max = {});
 
+// A picture layer from RGBA8 values. BadInput: not size * size * 4 values.
+[[nodiscard]] Result<EncodedLayer> encodePicture(std::span<const std::uint8_t> rgba, int size, Layer layer,
+                                                 const ColorCoding& coding);
+
 // What was stored, decoded; layers that are not among `layers` stay empty. State, where there, replaces the
-// quantised elevation.
+// quantised elevation. A picture layer, whichever it is, becomes the tile's colour: name one of them.
 [[nodiscard]] Result<Tile> decodeTile(const TileInfo& info, std::span<const StoredLayer> layers, int size);
 
 inline constexpr LayerSet kTileLayers = only(Layer::Color) | only(Layer::Elevation) | only(Layer::Quality);

@@ -139,6 +139,14 @@ std::vector<float> ceilingOf(std::span<const float> height, int side) {
   return ceiling;
 }
 
+std::vector<float> highestAround(std::span<const float> height, int side, int radius) {
+  const cv::Mat source(side, side, CV_32F, const_cast<float*>(height.data()));
+  std::vector<float> highest(height.size());
+  cv::dilate(source, cv::Mat(side, side, CV_32F, highest.data()),
+             cv::Mat::ones(2 * radius + 1, 2 * radius + 1, CV_8U));
+  return highest;
+}
+
 void removeIslands(std::span<float> height, int side, double max_step_m, int min_texels) {
   if (min_texels <= 1) return;
   std::vector<std::int32_t> label(height.size(), 0);

@@ -30,6 +30,9 @@ struct HeightBounds {
 inline constexpr int kCeilingBlock = 8;
 [[nodiscard]] std::vector<float> ceilingOf(std::span<const float> height, int side);
 
+// The highest within `radius` texels along both axes, of each. All values finite.
+[[nodiscard]] std::vector<float> highestAround(std::span<const float> height, int side, int radius);
+
 // Sets to NaN every 4-connected island of fewer than `min_texels` texels whose heights connect within
 // `max_step_m` from texel to texel (spikes and dents, 5.5.1).
 void removeIslands(std::span<float> height, int side, double max_step_m, int min_texels);

@@ -13,11 +13,15 @@
 #include "sweep_shaders.h"
 #include "tiling/sweep/detail/hidden_views.h"
 #include "tiling/sweep/detail/view_geometry.h"
+#include "tiling/sweep/height_filter.h"
 
 namespace overfly::tiling {
 namespace {
 
 constexpr std::uint16_t kNoSource = 65535;
+// Texels by which whatever stands up hides more than it is wide: a swept edge lies up to two texels off the
+// true one, and what passes close by it may show its wall.
+constexpr int kDoubtfulEdge = 2;
 
 struct Targets {
   gl::Texture color, source, detail;
@@ -25,7 +29,7 @@ struct Targets {
 };
 
 struct SurfaceMaps {
-  gl::Texture height, provisional, hidden;  // hidden: of the cell alone
+  gl::Texture height, widened, provisional, hidden;  // hidden: of the cell alone
   gl::Framebuffer into_hidden;
 };
 
@@ -84,12 +88,15 @@ struct Orthographer::Impl {
     // 32-bit float textures are not filterable everywhere: the shader reads the nearest height.
     auto height = texture(gl::Format::R32F, side, gl::Filter::Nearest);
     if (!height) return tl::unexpected(height.error());
+    auto widened = texture(gl::Format::R32F, side, gl::Filter::Nearest);
+    if (!widened) return tl::unexpected(widened.error());
     auto provisional = texture(gl::Format::R8, side, gl::Filter::Nearest);
     if (!provisional) return tl::unexpected(provisional.error());
     auto marks = texture(gl::Format::R32F, surface.texels, gl::Filter::Nearest);
     if (!marks) return tl::unexpected(marks.error());
     SurfaceMaps& made = surfaces[key];
     made.height = std::move(*height);
+    made.widened = std::move(*widened);
     made.provisional = std::move(*provisional);
     made.hidden = std::move(*marks);
     const std::array attachments{gl::Attachment{&made.hidden, 0, 0}};
@@ -136,10 +143,13 @@ Result<Orthophoto> Orthographer::render(const OrthoSurface& surface, std::span<c
   if (!maps) return tl::unexpected(maps.error());
   (*maps)->height.upload(std::span<const float>(height));
   (*maps)->provisional.upload(std::span<const std::uint8_t>(provisional));
-  const detail::Occluder occluder{height, surface.texels, surface.apron, &(*maps)->height};
+  const std::vector<float> widened = highestAround(height, side, kDoubtfulEdge);
+  (*maps)->widened.upload(std::span<const float>(widened));
+  const detail::Occluder occluder{widened, surface.texels, surface.apron, &(*maps)->widened,
+                                  &(*maps)->height};
   const double texel_m = 2.0 * surface.frame->ground()[1].head<2>().norm() / surface.texels;
   if (auto ok = impl_->hidden.mark(geometry, surface.texels, 0, occluder, nullptr,
-                                   {.rim = 1.5, .clearance_m = 0.35 * texel_m, .share = 0.05},
+                                   {.rim = 1.5 + kDoubtfulEdge, .clearance_m = 0.35 * texel_m, .share = 0.05},
                                    (*maps)->into_hidden);
       !ok)
     return tl::unexpected(ok.error());

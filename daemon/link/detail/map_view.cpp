@@ -158,9 +158,9 @@ Result<Rgba> composeColor(const Composition& composition, const tiling::MapReade
 
 }  // namespace
 
-Result<Rgba> MapView::color(const Composition& composition) const {
-  return composeColor(composition, reader_, tiling::Layer::Color, [this](const tiling::StoredLayer& layer) {
-    return decodeColorLayer(layer, meta_.tile_size);
+Result<Rgba> MapView::picture(const Composition& composition, tiling::Layer layer) const {
+  return composeColor(composition, reader_, layer, [this](const tiling::StoredLayer& stored) {
+    return decodeColorLayer(stored, meta_.tile_size);
   });
 }
 

@@ -64,7 +64,7 @@ class MapView {
   // The stored bytes when the composition is one whole stored tile.
   [[nodiscard]] bool isWhole(const Composition& composition) const;
 
-  [[nodiscard]] Result<Rgba> color(const Composition& composition) const;
+  [[nodiscard]] Result<Rgba> picture(const Composition& composition, tiling::Layer layer) const;
   [[nodiscard]] Result<Rgba> quality(const Composition& composition) const;  // coloured confidence
   [[nodiscard]] Result<Heights> heights(const Composition& composition) const;
   // With one texel of the neighbours on each side (258 x 258).

@@ -13,7 +13,8 @@ constexpr std::size_t kPage = 256;         // changes read from the store at onc
 constexpr std::size_t kEventTiles = 2000;  // tiles named in one event; more is a resync
 constexpr tiling::LayerSet kLinkLayers =
     tiling::only(tiling::Layer::Color) | tiling::only(tiling::Layer::Elevation) |
-    tiling::only(tiling::Layer::ElevationMax) | tiling::only(tiling::Layer::Quality);
+    tiling::only(tiling::Layer::ElevationMax) | tiling::only(tiling::Layer::Quality) |
+    tiling::only(tiling::Layer::Thermal) | tiling::only(tiling::Layer::NearInfrared);
 
 const tiling::ChangeFilter kEventFilter{.box = {}, .layers = kLinkLayers, .min_zoom = 0, .max_zoom = 63};
 

@@ -79,16 +79,16 @@ Response Routes::tile(const Visit& visit, const TilePath& path) {
   const bool jpeg = path.extension == "jpg" || path.extension == "jpeg";
   const bool tiff = path.extension == "tif" || path.extension == "tiff";
   const auto& layer = path.layer;
-  const bool known = layer == "color"       ? !type.empty() && !tiff
+  const auto named = tiling::layerNamed(layer);
+  const bool picture = named && tiling::isPicture(*named);
+  const bool known = picture                ? !type.empty() && !tiff
                      : layer == "elevation" ? !type.empty() && !jpeg
                      : layer == "hillshade" || layer == "quality"
                          ? path.extension == "png" || path.extension == "webp"
                          : false;
   if (!known) return Response::text(404, "There is no such layer or format; see /tiles.json.\n");
 
-  auto stored_layer = layer == "color"     ? tiling::Layer::Color
-                      : layer == "quality" ? tiling::Layer::Quality
-                                           : tiling::Layer::Elevation;
+  const auto stored_layer = named.value_or(tiling::Layer::Elevation);
   const auto composition = layer == "hillshade" ? view.neighbourhood(key) : view.compose(stored_layer, key);
   if (!composition) return failure(composition.error());
   if (mission.current)
@@ -113,10 +113,10 @@ Response Routes::tile(const Visit& visit, const TilePath& path) {
     out.body = cache_.find(etag);
     if (out.body) return out;
     std::string bytes;
-    if (layer == "color") {
+    if (picture) {
       if (view.isWhole(*composition)) {
         // the stored file as it is: no second loss, no work
-        const auto stored = view.reader().read(composition->pieces[0].key, tiling::Layer::Color);
+        const auto stored = view.reader().read(composition->pieces[0].key, stored_layer);
         if (!stored) return failure(stored.error());
         const auto media = tiling::mediaType(stored->encoded.codec);
         const bool fits = media == type || path.extension == "webp";
@@ -127,7 +127,7 @@ Response Routes::tile(const Visit& visit, const TilePath& path) {
           return out;
         }
       }
-      const auto image = view.color(*composition);
+      const auto image = view.picture(*composition, stored_layer);
       if (!image) return failure(image.error());
       bytes = encode(*image, path.extension, false);
     } else if (layer == "quality") {
@@ -163,11 +163,16 @@ std::vector<LayerInfo> Routes::layers(const MapView& view) const {
   const auto color = view.extent(tiling::Layer::Color);
   const auto elevation = view.extent(tiling::Layer::Elevation);
   const auto quality = view.extent(tiling::Layer::Quality);
-  return {{"color", "true orthophoto", "webp", "image/webp", color},
-          {"elevation", "elevation", "png", "image/png", elevation},
-          {"hillshade", "hillshade", "png", "image/png", elevation},
-          {"quality", "quality", "png", "image/png", quality},
-          {"coverage", "coverage", "png", "image/png", color ? color : elevation}};
+  std::vector<LayerInfo> out{{"color", "true orthophoto", "webp", "image/webp", color},
+                             {"elevation", "elevation", "png", "image/png", elevation},
+                             {"hillshade", "hillshade", "png", "image/png", elevation},
+                             {"quality", "quality", "png", "image/png", quality},
+                             {"coverage", "coverage", "png", "image/png", color ? color : elevation}};
+  if (const auto thermal = view.extent(tiling::Layer::Thermal))
+    out.push_back({"thermal", "thermal orthophoto", "webp", "image/webp", thermal});
+  if (const auto infrared = view.extent(tiling::Layer::NearInfrared))
+    out.push_back({"near_infrared", "near-infrared orthophoto", "webp", "image/webp", infrared});
+  return out;
 }
 
 DocumentContext Routes::documentContext(const Visit& visit) const {

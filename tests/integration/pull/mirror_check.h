@@ -12,7 +12,8 @@ struct MapSize {
 
 inline constexpr tiling::LayerSet kMirrored =
     tiling::only(tiling::Layer::Color) | tiling::only(tiling::Layer::Elevation) |
-    tiling::only(tiling::Layer::ElevationMax) | tiling::only(tiling::Layer::Quality);
+    tiling::only(tiling::Layer::ElevationMax) | tiling::only(tiling::Layer::Quality) |
+    tiling::only(tiling::Layer::Thermal);
 
 // All that is to be mirrored of a map.
 inline std::vector<tiling::Change> contents(const tiling::MapReader& reader) {

@@ -64,7 +64,7 @@ TEST_F(Place, ElevationAndColourAreTheSameEverywhere) {
                         views.at(frame.local(), place.height_m, stretch, false, azimuthOf(frame)), {});
     ASSERT_TRUE(field.has_value()) << field.error().message;
     std::vector<double> heights;
-    std::vector<float> surface = tiling::guessSurface(field->height, field->side(), place.height_m);
+    std::vector<float> surface = tiling::guessSurface(field->height, field->side(), 0.6, place.height_m);
     for (const float h : field->height)
       heights.push_back((static_cast<double>(h) - place.height_m) / stretch);
     const std::vector<std::uint8_t> guessed(surface.size(), 0);

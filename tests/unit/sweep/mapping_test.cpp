@@ -175,7 +175,7 @@ TEST(GuessSurface, FillsEverythingAndKeepsWhatIsKnown) {
   constexpr int kSide = 37;
   std::vector<float> height(kSide * kSide, kNaN);
   for (std::size_t i = 0; i < height.size(); i += 11) height[i] = 100 + static_cast<float>(i % 5);
-  const std::vector<float> guess = guessSurface(height, kSide, 3.0);
+  const std::vector<float> guess = guessSurface(height, kSide, 10.0, 3.0);
   for (std::size_t i = 0; i < height.size(); ++i) {
     if (!std::isnan(height[i])) {
       EXPECT_EQ(guess[i], height[i]);
@@ -183,7 +183,22 @@ TEST(GuessSurface, FillsEverythingAndKeepsWhatIsKnown) {
     EXPECT_GE(guess[i], 100.0f);
     EXPECT_LE(guess[i], 104.0f);
   }
-  for (const float h : guessSurface(std::vector<float>(kSide * kSide, kNaN), kSide, 3.0)) EXPECT_EQ(h, 3.0f);
+  for (const float h : guessSurface(std::vector<float>(kSide * kSide, kNaN), kSide, 10.0, 3.0))
+    EXPECT_EQ(h, 3.0f);
+}
+
+TEST(GuessSurface, AHoleBesideAWallIsGround) {
+  constexpr int kSide = 64;
+  std::vector<float> height(kSide * kSide, 100);
+  const auto at = [](int x, int y) { return static_cast<std::size_t>(y * kSide + x); };
+  for (int y = 0; y < kSide; ++y)
+    for (int x = 0; x < kSide; ++x) {
+      if (x < 21) height[at(x, y)] = 110;  // a roof
+      if (x >= 21 && x < 34 && y > 10 && y < 50) height[at(x, y)] = kNaN;
+    }
+  const std::vector<float> guess = guessSurface(height, kSide, 0.2, 0);
+  for (int y = 11; y < 50; ++y)
+    for (int x = 21; x < 34; ++x) EXPECT_NEAR(guess[at(x, y)], 100, 0.01) << x << " " << y;
 }
 
 TEST(StatisticsOf, GivesTheTextbookFigures) {
@@ -383,14 +398,17 @@ TEST(SettleGround, SearchRangeIsTheSettingsWhereTheySayOne) {
 
 TEST(EstimateGround, SaysSoWhenThereIsNothingToCompare) {
   test::Scene bare = coarseGround();
-  std::vector<Thumbnail> grey, still;
+  std::vector<Thumbnail> grey, still, frozen;
   for (const test::Photo& photo : strip(bare, 3)) {
     grey.push_back(thumbnailOf(grey.size(), photo));
     std::fill(grey.back().luma.begin(), grey.back().luma.end(), std::uint8_t{128});
     still.push_back(thumbnailOf(still.size(), photo));
     still.back().pose = still.front().pose;
+    // The camera flies on, and its pictures stay the same.
+    frozen.push_back(thumbnailOf(frozen.size(), photo));
+    frozen.back().luma = frozen.front().luma;
   }
-  for (const auto& frames : {grey, still, std::vector<Thumbnail>{}}) {
+  for (const auto& frames : {grey, still, frozen, std::vector<Thumbnail>{}}) {
     const auto ground = estimateGround(frames);
     ASSERT_FALSE(ground.has_value());
     EXPECT_EQ(ground.error().code, ErrorCode::Unavailable);

@@ -162,13 +162,13 @@ struct Bands {
 };
 Bands bandsOf(Layer layer) {
   if (layer == Layer::Elevation) return {1, GDT_Float32, {"elevation"}};
-  if (layer == Layer::Color) return {4, GDT_Byte, {"red", "green", "blue", "alpha"}};
+  if (isPicture(layer)) return {4, GDT_Byte, {"red", "green", "blue", "alpha"}};
   return {3, GDT_Byte, {"confidence", "views", "kind"}};
 }
 
 CPLErr writeTile(GDALDataset& file, const Tile& tile, Layer layer, int column, int row) {
   const int size = tile.size;
-  if (layer == Layer::Color)
+  if (isPicture(layer))
     return file.RasterIO(GF_Write, column, row, size, size, const_cast<std::uint8_t*>(tile.color.data()),
                          size, size, GDT_Byte, 4, nullptr, 4, 4 * size, 1, nullptr);
   if (layer == Layer::Elevation)
@@ -189,7 +189,7 @@ void describe(GDALDataset& file, const ExportSource& source, const HeightShift& 
   const Bands bands = bandsOf(source.options.layer);
   for (int band = 1; band <= bands.count; ++band)
     file.GetRasterBand(band)->SetDescription(bands.names[static_cast<std::size_t>(band - 1)]);
-  if (source.options.layer == Layer::Color) {
+  if (isPicture(source.options.layer)) {
     const GDALColorInterp colors[] = {GCI_RedBand, GCI_GreenBand, GCI_BlueBand, GCI_AlphaBand};
     for (int band = 1; band <= 4; ++band) file.GetRasterBand(band)->SetColorInterpretation(colors[band - 1]);
   }

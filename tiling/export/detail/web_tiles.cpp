@@ -56,13 +56,13 @@ Bytes qualityColors(const Tile& tile) {
 
 // One format for all tiles of a container: that of the stored tiles when they agree and nothing is masked.
 Result<WebFormat> formatFor(const ExportSource& source) {
-  if (source.options.layer != Layer::Color) return WebFormat::Png;
+  if (!isPicture(source.options.layer)) return WebFormat::Png;
   if (source.options.measured_only) return WebFormat::Webp;
   for (int zoom = source.min_zoom; zoom <= source.max_zoom; ++zoom) {
     const auto keys = source.keys(zoom);
     if (!keys) return tl::unexpected(keys.error());
     for (const geo::TileKey& key : *keys) {
-      const auto stored = source.reader.read(key, Layer::Color);
+      const auto stored = source.reader.read(key, source.options.layer);
       if (stored && stored->encoded.codec != Codec::Jpeg) return WebFormat::Webp;
     }
   }
@@ -70,8 +70,8 @@ Result<WebFormat> formatFor(const ExportSource& source) {
 }
 
 Result<Bytes> webTile(const ExportSource& source, const geo::TileKey& key, WebFormat format) {
-  if (source.options.layer == Layer::Color && !source.options.measured_only) {
-    Result<StoredLayer> stored = source.reader.read(key, Layer::Color);
+  if (isPicture(source.options.layer) && !source.options.measured_only) {
+    Result<StoredLayer> stored = source.reader.read(key, source.options.layer);
     if (!stored) return tl::unexpected(stored.error());
     const Codec wanted = format == WebFormat::Jpeg ? Codec::Jpeg : Codec::Webp;
     if (stored->encoded.codec == wanted) return std::move(stored->encoded.bytes);

@@ -57,6 +57,8 @@ Result<void> HiddenViews::mark(const ViewGeometry& geometry, int grid_texels, in
   if (base != nullptr) {
     p.setTexture("base_height", 2, *base->height);
     p.set("height_offset", static_cast<float>(base->offset_m));
+  } else {
+    p.setTexture("own_height", 2, *occluder.own);
   }
   // A texel's centre (x + 0.5) of the grid lies at (x + 0.5 - grid_apron) * scale + apron of the surface.
   const double scale = static_cast<double>(occluder.texels) / grid_texels;

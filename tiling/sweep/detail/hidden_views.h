@@ -17,6 +17,7 @@ struct Occluder {
   int texels = 0;                        // of the cell
   int apron = 0;                         // its own texels around the cell
   const gl::Texture* texture = nullptr;  // R32F: the same heights
+  const gl::Texture* own = nullptr;      // R32F, as large: where texels without a base lie
 
   [[nodiscard]] int side() const { return texels + 2 * apron; }
 };
@@ -42,7 +43,7 @@ class HiddenViews {
     const TexelBlocks* wanted = nullptr;  // the others are left as they are
   };
   // Draws into `target` (R32F, the grid's side), for every texel a whole number whose bit k says that view k
-  // is hidden. Without a base the texels lie on the surface.
+  // is hidden. Without a base the texels lie at occluder.own.
   [[nodiscard]] Result<void> mark(const ViewGeometry& geometry, int grid_texels, int grid_apron,
                                   const Occluder& occluder, const Base* base, const HidingRule& rule,
                                   gl::Framebuffer& target);

@@ -1,6 +1,8 @@
-// Which views cannot see a texel: bit k of a whole number for view k. ON_SURFACE: the texels lie on the
-// surface, else at their own base heights.
-#ifndef ON_SURFACE
+// Which views cannot see a texel: bit k of a whole number for view k. ON_SURFACE: the texels lie at
+// `own_height`, which has the shape of the surface, else at their own base heights.
+#ifdef ON_SURFACE
+uniform sampler2D own_height;
+#else
 uniform sampler2D base_height;
 uniform float height_offset;
 #endif
@@ -17,7 +19,7 @@ void main() {
   vec2 at = gl_FragCoord.xy * surface_from_texel.x + surface_from_texel.y;
   float hidden = 0.0;
 #ifdef ON_SURFACE
-  float z = textureLod(surface, at, 0.0).r;
+  float z = textureLod(own_height, at, 0.0).r;
 #else
   float z = texelFetch(base_height, ivec2(gl_FragCoord.xy), 0).r + height_offset;
 #endif
