@@ -33,12 +33,16 @@ constexpr std::array kLayouts{
 };
 
 // Limited range to full, ITU-R BT.601: luma 16..235, chroma 16..240 about 128. 16 fractional bits.
-std::uint8_t stretchLuma(int value) {
-  return static_cast<std::uint8_t>(std::clamp(((value - 16) * 76309 + 32768) >> 16, 0, 255));
+using Stretch = std::array<std::uint8_t, 256>;
+constexpr Stretch stretched(int from, int to, int factor) {
+  Stretch table{};
+  for (int value = 0; value < 256; ++value)
+    table[static_cast<std::size_t>(value)] =
+        static_cast<std::uint8_t>(std::clamp((((value - from) * factor + 32768) >> 16) + to, 0, 255));
+  return table;
 }
-std::uint8_t stretchChroma(int value) {
-  return static_cast<std::uint8_t>(std::clamp((((value - 128) * 74606 + 32768) >> 16) + 128, 0, 255));
-}
+constexpr Stretch kLuma = stretched(16, 0, 76309), kChroma = stretched(128, 128, 74606);
+constexpr Stretch kAsIs = stretched(0, 0, 65536);
 
 struct Source {
   const std::uint8_t* bytes;
@@ -75,27 +79,29 @@ int chromaRows(int height) { return (height + 1) / 2; }
 Image fromNv12(const Source& in, bool limited_range) {
   Image out = copyRows(in, PixelFormat::Nv12, evenWidth(in.width), in.height + chromaRows(in.height));
   if (limited_range) {
-    const std::size_t luma = static_cast<std::size_t>(out.stride) * static_cast<std::size_t>(in.height);
-    for (std::size_t i = 0; i < luma; ++i) out.bytes[i] = stretchLuma(out.bytes[i]);
-    for (std::size_t i = luma; i < out.bytes.size(); ++i) out.bytes[i] = stretchChroma(out.bytes[i]);
+    const auto luma = out.bytes.begin() + static_cast<std::ptrdiff_t>(out.stride) * in.height;
+    const auto stretch = [](const Stretch& table) {
+      return [&table](std::uint8_t value) { return table[value]; };
+    };
+    std::transform(out.bytes.begin(), luma, out.bytes.begin(), stretch(kLuma));
+    std::transform(luma, out.bytes.end(), luma, stretch(kChroma));
   }
   return out;
 }
 
 Image fromYuyv(const Source& in, bool limited_range) {
   const int stride = evenWidth(in.width);
+  const Stretch &of_luma = limited_range ? kLuma : kAsIs, &of_chroma = limited_range ? kChroma : kAsIs;
   Image out = blank(PixelFormat::Nv12, in.width, in.height, stride, in.height + chromaRows(in.height));
   for (int y = 0; y < in.height; ++y) {
     const std::uint8_t* row = in.row(y);
     std::uint8_t* luma = rowOf(out, y);
-    for (int x = 0; x < stride; ++x) luma[x] = limited_range ? stretchLuma(row[2 * x]) : row[2 * x];
+    for (int x = 0; x < stride; ++x) luma[x] = of_luma[row[2 * x]];
     if (y % 2 == 1) continue;
     const std::uint8_t* below = y + 1 < in.height ? in.row(y + 1) : row;
     std::uint8_t* chroma = rowOf(out, in.height + y / 2);
-    for (int x = 0; x < stride; ++x) {
-      const int mean = (row[2 * x + 1] + below[2 * x + 1] + 1) / 2;
-      chroma[x] = limited_range ? stretchChroma(mean) : static_cast<std::uint8_t>(mean);
-    }
+    for (int x = 0; x < stride; ++x)
+      chroma[x] = of_chroma[static_cast<std::size_t>(row[2 * x + 1] + below[2 * x + 1] + 1) / 2];
   }
   return out;
 }

@@ -173,6 +173,7 @@ void TelemetryPoses::takePosition(const mavlink::GlobalPositionInt& m, std::int6
   const auto up = height(position.lat, position.lon, m.alt * 1e-3, m.relative_alt * 1e-3, arrival_ns);
   if (!up) return;
   status_.position = "GLOBAL_POSITION_INT";
+  if (!status_.home_height_m) status_.home_height_m = *up - m.relative_alt * 1e-3;
   const Eigen::Matrix3d enu_from_ecef =
       geo::LocalFrame({position.lat, position.lon, *up}).enuFromEcefRotation();
   position.velocity_in_ecef =

@@ -49,6 +49,7 @@ struct TelemetryStatus {
   std::string height_reason;                     // how the heights came to be, for a person
   std::string attitude;                          // "gimbal", "body", or empty before the first
   std::string position;                          // "GLOBAL_POSITION_INT", "GPS_RAW_INT", or empty
+  std::optional<double> home_height_m;           // where the vehicle took off, in `datum`
   int fix_type = -1;                             // GPS_RAW_INT's; -1 before the first
   double clock_sigma_s = 0;                      // of the autopilot's clock against ours, now
   double clock_drift_ppm = 0;

@@ -7,9 +7,12 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <condition_variable>
 #include <deque>
 #include <mutex>
 #include <set>
+#include <thread>
+#include <utility>
 
 #include "capture/image_decode.h"
 #include "capture/record/detail/flight_text.h"
@@ -20,7 +23,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 constexpr std::size_t kMaxUnposed = 4096;
-constexpr std::size_t kMaxUnsynced = 64;  // images held open for the next sync
+constexpr std::size_t kMaxUnsynced = 64;  // images held open for the next sync; beyond them record() waits
 
 std::string bootId() {
   // A file of /proc has no length: it is read by hand.
@@ -55,7 +58,8 @@ std::string extensionOf(PixelFormat format) {
 }  // namespace
 
 // Two locks, taken in this order where both are: frames_mutex guards the images, the table and the cameras;
-// raw_mutex the raw log, so that a slow image does not hold up telemetry.
+// raw_mutex the raw log, so that a slow image does not hold up telemetry. Files are brought to the disk by a
+// thread of its own and outside of both: a slow card must not keep the camera's thread from its next picture.
 class FlightRecorder::Files {
  public:
   static Result<std::unique_ptr<Files>> create(const std::filesystem::path& folder, FlightInfo info,
@@ -89,6 +93,8 @@ class FlightRecorder::Files {
     if (!written) return tl::unexpected(written.error());
     if (auto done = syncFile(*written, folder / "flight.json"); !done) return tl::unexpected(done.error());
     if (auto done = syncFolder(folder); !done) return tl::unexpected(done.error());
+    files->syncer_ =
+        std::jthread([self = files.get()](const std::stop_token& stop) { self->syncOften(stop); });
     return files;
   }
 
@@ -105,7 +111,7 @@ class FlightRecorder::Files {
                   fmt::format("the image is {}x{}, its camera's images are {}x{}", pixels.width,
                               pixels.height, frame.camera.width, frame.camera.height));
     }
-    const std::lock_guard lock(frames_mutex_);
+    std::unique_lock lock(frames_mutex_);
     if (!table_) return fail(ErrorCode::Unavailable, "the recorder is closed");
     const auto revision = revisionOf(frame);
     if (!revision) return tl::unexpected(revision.error());
@@ -123,9 +129,13 @@ class FlightRecorder::Files {
     if (auto done = appendWhole(table_.get(), bytesOf(line), folder_ / "frames.tbl"); !done) return done;
     ++count_;
     if (!frame.pose) keepUnposed(frame, *revision, name, raw);
-    if (Clock::now() - last_sync_ >= options_.sync_interval || unsynced_.size() >= kMaxUnsynced)
-      return syncLocked();
-    return {};
+    if (options_.sync_interval.count() == 0) return syncAll(lock);
+    if (Clock::now() - last_sync_ >= options_.sync_interval || unsynced_.size() >= kMaxUnsynced) {
+      sync_wanted_ = true;
+      changed_.notify_all();
+    }
+    changed_.wait(lock, [this] { return unsynced_.size() < kMaxUnsynced || !table_; });
+    return std::exchange(sync_outcome_, Result<void>());
   }
 
   Result<void> record(const LatePose& late) {
@@ -154,15 +164,16 @@ class FlightRecorder::Files {
   }
 
   Result<void> sync() {
-    const std::lock_guard lock(frames_mutex_);
-    return table_ ? syncLocked() : Result<void>{};
+    std::unique_lock lock(frames_mutex_);
+    return table_ ? syncAll(lock) : Result<void>{};
   }
 
   Result<void> close() {
-    const std::lock_guard lock(frames_mutex_);
+    std::unique_lock lock(frames_mutex_);
     if (!table_) return {};
-    auto done = syncLocked();
+    auto done = syncAll(lock);
     table_ = FileDescriptor();
+    changed_.notify_all();
     const std::lock_guard raw_lock(raw_mutex_);
     raw_ = FileDescriptor();
     return done;
@@ -243,19 +254,48 @@ class FlightRecorder::Files {
     return name;
   }
 
-  Result<void> syncLocked() {
+  // The descriptors of table and raw log stay open while syncing_: close() waits for it.
+  Result<void> bringToDisk(const std::vector<FileDescriptor>& images) const {
     Result<void> result;
     const auto keep = [&](Result<void> done) {
       if (!done && result) result = std::move(done);
     };
-    for (const FileDescriptor& image : unsynced_) keep(syncFile(image, folder_ / "images"));
-    unsynced_.clear();
+    for (const FileDescriptor& image : images) keep(syncFile(image, folder_ / "images"));
     keep(syncFolder(folder_ / "images"));
     keep(syncFile(table_, folder_ / "frames.tbl"));
-    // Not under raw_mutex_: the descriptor is only closed with both locks held, and telemetry goes on.
     keep(syncFile(raw_, folder_ / "raw.log"));
-    last_sync_ = Clock::now();
     return result;
+  }
+
+  // Everything so far, without holding the lock meanwhile.
+  Result<void> syncUnlocked(std::unique_lock<std::mutex>& lock) {
+    const std::vector<FileDescriptor> images = std::exchange(unsynced_, {});
+    syncing_ = true;
+    sync_wanted_ = false;
+    last_sync_ = Clock::now();
+    changed_.notify_all();
+    lock.unlock();
+    Result<void> done = bringToDisk(images);
+    lock.lock();
+    syncing_ = false;
+    changed_.notify_all();
+    return done;
+  }
+
+  Result<void> syncAll(std::unique_lock<std::mutex>& lock) {
+    changed_.wait(lock, [this] { return !syncing_; });
+    if (!table_) return {};
+    Result<void> before = std::exchange(sync_outcome_, Result<void>());
+    Result<void> done = syncUnlocked(lock);
+    return before ? done : before;
+  }
+
+  void syncOften(const std::stop_token& stop) {
+    std::unique_lock lock(frames_mutex_);
+    while (changed_.wait(lock, stop, [this] { return sync_wanted_ && !syncing_; })) {
+      if (!table_) return;
+      if (auto done = syncUnlocked(lock); !done) sync_outcome_ = std::move(done);
+    }
   }
 
   const std::filesystem::path folder_;
@@ -267,9 +307,13 @@ class FlightRecorder::Files {
   std::deque<Unposed> unposed_;
   std::vector<FileDescriptor> unsynced_;
   Clock::time_point last_sync_ = Clock::now();
+  std::condition_variable_any changed_;  // what follows, unsynced_ and table_
+  bool sync_wanted_ = false, syncing_ = false;
+  Result<void> sync_outcome_;  // what went wrong behind the callers' backs; the next one is told
   std::uint64_t count_ = 0;
   std::mutex raw_mutex_;
   FileDescriptor raw_;
+  std::jthread syncer_;  // last: it ends before the rest goes
 };
 
 FlightRecorder::FlightRecorder(std::unique_ptr<Files> files) : files_(std::move(files)) {}

@@ -12,14 +12,15 @@
 namespace overfly::capture {
 
 struct RecorderOptions {
-  // What is younger than this may be lost by a power cut (never by a kill); 0: every frame reaches the disk
-  // before record() returns. Raising it spares a slow card.
+  // What is younger than this and the time that the disk takes may be lost by a power cut (never by a kill);
+  // 0: every frame reaches the disk before record() returns. Raising it spares a slow card.
   std::chrono::nanoseconds sync_interval = std::chrono::seconds(1);
 };
 
 // Writes a flight (docs/flight-format.md). A kill at any moment leaves a readable flight: at most the frame
 // or raw input that was being written is missing. Thread-safe: one thread may record frames while others
-// record raw inputs; frames do not delay raw inputs.
+// record raw inputs; frames do not delay raw inputs. A thread of its own waits for the disk: an error that it
+// meets is the next call's.
 class FlightRecorder {
  public:
   // Makes the folder (its parent must exist or be creatable). BadInput: it already holds something; Io.

@@ -1,12 +1,14 @@
 #include "daemon/overflyd/pipeline.h"
 
 #include <fmt/format.h>
+#include <pthread.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <chrono>
 
 #include "capture/replay/replay_source.h"
+#include "config/niceness.h"
 #include "daemon/overflyd/boot_clock.h"
 #include "daemon/overflyd/log.h"
 #include "daemon/overflyd/options.h"
@@ -65,6 +67,9 @@ Result<void> Pipeline::start() {
 void Pipeline::runStage(Stage stage, void (Pipeline::*body)(const std::stop_token&),
                         const std::stop_token& stop) {
   beat(stage);
+  // For top -H; a thread's name has 15 letters at most.
+  (void)pthread_setname_np(pthread_self(), std::string(kStageNames[static_cast<std::size_t>(stage)]).c_str());
+  if (stage != Stage::Capture) standBack(kMappingNiceness);
   try {
     (this->*body)(stop);
   } catch (const std::exception& thrown) {
@@ -229,6 +234,15 @@ void Pipeline::takeFrames(const std::stop_token& stop) {
     begin(Stage::Capture);
     const std::int64_t arrived_ns = now_ns();
     info.datum = (*frame)->datum;
+    if (live_ != nullptr && !info.ground_height_m && (*frame)->pose) {
+      if (const auto autopilot = live_->status().autopilot)
+        info.ground_height_m = autopilot->telemetry.home_height_m;
+      if (info.ground_height_m) {
+        info.ground_reason = "where the vehicle took off";
+        const std::scoped_lock lock(mutex_);
+        flight_info_ = info;
+      }
+    }
     capture::TelemetryPtr raw;
     if (const auto found = raw_of.find((*frame)->sequence); found != raw_of.end()) raw = found->second;
     const char* refusal = hasRoom() ? nullptr : "no room to record";

@@ -1,7 +1,11 @@
 #include "render/gl/gl_thread.h"
 
+#include <pthread.h>
+
 #include <algorithm>
 #include <utility>
+
+#include "config/niceness.h"
 
 namespace overfly::gl {
 namespace {
@@ -16,6 +20,9 @@ Result<std::unique_ptr<GlThread>> GlThread::start(const ContextOptions& options)
   auto ready = started.get_future();
   out->thread_ = std::jthread(
       [self = out.get()](const std::stop_token& stop, std::promise<Result<void>> promise) {
+        // Before the context: a software rasteriser's threads take after the one that makes it.
+        standBack(kMappingNiceness);
+        (void)pthread_setname_np(pthread_self(), "gl");
         self->serve(stop, std::move(promise));
       },
       std::move(started));

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "render/preview/give_way.h"
+#include "config/niceness.h"
 
 namespace overfly::preview {
 
@@ -34,7 +34,7 @@ std::optional<ImageMaker::Made> ImageMaker::take() {
 }
 
 void ImageMaker::serve(const std::stop_token& stop) {
-  giveWay();
+  standBack(kPreparingNiceness);
   while (!stop.stop_requested()) {
     Made made;
     {

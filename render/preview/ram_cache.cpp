@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "render/preview/give_way.h"
+#include "config/niceness.h"
 
 namespace overfly::preview {
 
@@ -208,7 +208,7 @@ void RamCache::startLoading(std::chrono::milliseconds poll_interval) {
 }
 
 void RamCache::serve(const std::stop_token& stop, std::chrono::milliseconds poll_interval) {
-  giveWay();
+  standBack(kPreparingNiceness);
   Clock::time_point next_poll = Clock::now();
   while (!stop.stop_requested()) {
     if (Clock::now() >= next_poll) {

@@ -1,12 +1,12 @@
-// An autopilot of node-mavlink that flies north at 15 m/s and speaks to a UDP port; asks the camera component
+// An autopilot of node-mavlink that flies north at 15 m/s (or SPEED) and speaks to a UDP port; asks the camera component
 // questions in both styles, and writes what it hears, one JSON line each.
-//   node autopilot.js PORT [SIGNING_PASSPHRASE_HEX]
+//   node autopilot.js PORT [SIGNING_PASSPHRASE_HEX or -] [SPEED]
 import dgram from 'node:dgram'
 import { PassThrough } from 'node:stream'
 import { fieldsOf, mavlink, messageOf, registry } from './messages.js'
 
-const [port, keyHex] = process.argv.slice(2)
-const key = keyHex ? Buffer.from(keyHex, 'hex') : null
+const [port, keyHex, metresPerSecond] = process.argv.slice(2)
+const key = keyHex && keyHex !== '-' ? Buffer.from(keyHex, 'hex') : null
 const protocol = new mavlink.MavLinkProtocolV2(1, 1, key ? mavlink.MavLinkProtocolV2.IFLAG_SIGNED : 0)
 const socket = dgram.createSocket('udp4')
 const booted = process.hrtime.bigint() - 500_000_000_000n  // on for 500 s
@@ -21,14 +21,14 @@ function send(id, fields) {
   socket.send(packet, Number(port), '127.0.0.1')
 }
 
-const speed = 15, lat0 = 47.3977, lon0 = 8.5456
+const speed = Number(metresPerSecond ?? 15), lat0 = 47.3977, lon0 = 8.5456
 setInterval(() => send(0, { type: 2, autopilot: 3, base_mode: 209, system_status: 4, mavlink_version: 3 }), 300)
 setInterval(() => send(2, { time_unix_usec: String(BigInt(Date.now()) * 1000n), time_boot_ms: Number(bootNs() / 1000000n) }), 300)
 setInterval(() => {
   const ms = Number(bootNs() / 1000000n)
   const north = speed * (ms - 500000) / 1000
   send(24, { time_usec: String(bootNs() / 1000n), fix_type: 6, lat: Math.round(lat0 * 1e7), lon: Math.round(lon0 * 1e7),
-             alt: 488000, alt_ellipsoid: 535000, h_acc: 20, v_acc: 30, eph: 80, epv: 80, vel: 1500, cog: 0,
+             alt: 488000, alt_ellipsoid: 535000, h_acc: 20, v_acc: 30, eph: 80, epv: 80, vel: speed * 100, cog: 0,
              satellites_visible: 20 })
   send(33, { time_boot_ms: ms, lat: Math.round((lat0 + north / 111180.0) * 1e7), lon: Math.round(lon0 * 1e7),
              alt: 488000, relative_alt: 100000, vx: speed * 100, vy: 0, vz: 0, hdg: 0 })

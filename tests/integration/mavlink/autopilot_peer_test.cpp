@@ -90,6 +90,8 @@ void flyWithPeer(int port, bool with_signatures) {
   EXPECT_NEAR((b->position_in_ecef - a->position_in_ecef).norm(), 7.5, 0.15);
   EXPECT_NEAR(geo::geodeticFromEcef(a->position_in_ecef).height_m, 535.0, 0.1);
   const AutopilotStatus status = autopilot.status();
+  ASSERT_TRUE(status.telemetry.home_height_m);
+  EXPECT_NEAR(*status.telemetry.home_height_m, 435.0, 0.1);
   EXPECT_EQ(status.packets.bad, 0U);
   EXPECT_EQ(status.packets.unknown, 0U);
   EXPECT_EQ(status.state, AutopilotState::Talking);

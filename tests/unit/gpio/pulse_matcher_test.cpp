@@ -187,6 +187,25 @@ TEST(PulseMatcher, WildStampsAtARegularPaceFollowWhatIsExpected) {
   EXPECT_LT(wrong * 50, right);
 }
 
+// A line that speaks up only after the camera has run for a while: frames from before its first pulse do not
+// pull the lag to where they would have one.
+TEST(PulseMatcher, FramesFromBeforeTheFirstPulseSayNothingOfTheLag) {
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    Scene scene;
+    scene.interval_ns = 200 * kMs;
+    scene.irregular = 0;
+    scene.jitter_ns = 6e6;
+    scene.without = 40;
+    scene.missed = 0.05;
+    scene.spurious = 0.05;
+    PulseMatcherOptions options;
+    options.expected_lag_ns = 40 * kMs;
+    const Outcome outcome = play(scene, seed, options);
+    EXPECT_LE(outcome.wrong, 2) << seed;
+    EXPECT_GE(outcome.right, 110) << seed;
+  }
+}
+
 TEST(PulseMatcher, WithoutPulsesThereIsNoMatchAndNoHarm) {
   PulseMatcher matcher;
   for (int i = 0; i < 1000; ++i) EXPECT_FALSE(matcher.match(i * 100 * kMs));
