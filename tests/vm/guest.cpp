@@ -86,12 +86,12 @@ int freePort(int type) {
 
 std::string Guest::whyNot() { return image().problem; }
 
-Guest::Guest(fs::path disk) {
+Guest::Guest(fs::path disk, std::uint64_t disk_bytes) {
   if (!image().problem.empty()) throw std::runtime_error(image().problem);
   std::string name = (fs::temp_directory_path() / "overfly_vm_XXXXXX").string();
   if (mkdtemp(name.data()) == nullptr) throw std::runtime_error("no temporary folder");
   folder_ = name;
-  start(disk);
+  start(disk, disk_bytes);
   connectAgent();
   const Ran ready = run("date -s @" + std::to_string(std::time(nullptr)) +
                         " >/dev/null; modprobe -a 9p 9pnet_virtio; "
@@ -105,18 +105,20 @@ Guest::~Guest() {
   fs::remove_all(folder_, ignored);
 }
 
-void Guest::start(const fs::path& disk) {
+void Guest::start(const fs::path& disk, std::uint64_t disk_bytes) {
   const bool keeps = !disk.empty();
   const fs::path second = keeps ? disk : folder_ / "disk.img";
   if (!fs::exists(second)) {
     std::ofstream(second).close();
-    fs::resize_file(second, 2ull << 30);
+    fs::resize_file(second, disk_bytes);
     if (shell("PATH=$PATH:/sbin:/usr/sbin mke2fs -q -t ext4 '" + second.string() + "' 2>&1").status != 0)
       throw std::runtime_error("mke2fs failed");
   }
   link_port_ = freePort(SOCK_STREAM);
   mavlink_port_ = freePort(SOCK_DGRAM);
   const std::string files = image().folder;
+  // Without AVX: llvmpipe's code for it dies under emulation. The network is not restricted, or answers by UDP
+  // would not come out.
   std::vector<std::string> line{
       "qemu-system-x86_64",
       "-accel",
@@ -126,9 +128,9 @@ void Guest::start(const fs::path& disk) {
       "-machine",
       "q35",
       "-cpu",
-      "max",
+      "max,avx=off,avx2=off",
       "-m",
-      "2048",
+      "3072",
       "-smp",
       "2",
       "-nodefaults",
@@ -154,7 +156,7 @@ void Guest::start(const fs::path& disk) {
       "-device",
       "virtserialport,chardev=agent,name=overfly.agent",
       "-netdev",
-      "user,id=net,restrict=on,hostfwd=tcp:127.0.0.1:" + std::to_string(link_port_) +
+      "user,id=net,hostfwd=tcp:127.0.0.1:" + std::to_string(link_port_) +
           "-:8420,hostfwd=udp:127.0.0.1:" + std::to_string(mavlink_port_) + "-:14550",
       "-device",
       "virtio-net-pci,netdev=net",

@@ -2,6 +2,7 @@
 #include <sys/types.h>
 
 #include <chrono>
+#include <cstdint>
 #include <filesystem>
 #include <string>
 
@@ -20,9 +21,10 @@ class Guest {
   // cache has no image the first call makes it if OVERFLY_VM_BUILD_SECONDS allows it so long (default 0).
   [[nodiscard]] static std::string whyNot();
 
-  // `disk`: keeps what the guest writes, so that it outlives a power-off; made when it is not there. Empty:
-  // in memory. Throws std::runtime_error with the console's last lines when the guest does not come up.
-  explicit Guest(std::filesystem::path disk = {});
+  // `disk`: keeps what the guest writes, so that it outlives a power-off; made of `disk_bytes` when it is
+  // not there. Empty: in memory. Throws std::runtime_error with the console's last lines when the guest does
+  // not come up.
+  explicit Guest(std::filesystem::path disk = {}, std::uint64_t disk_bytes = 2ULL << 30);
   ~Guest();
   Guest(const Guest&) = delete;
   Guest& operator=(const Guest&) = delete;
@@ -41,7 +43,7 @@ class Guest {
   [[nodiscard]] std::string console() const;  // the last lines
 
  private:
-  void start(const std::filesystem::path& disk);
+  void start(const std::filesystem::path& disk, std::uint64_t disk_bytes);
   void connectAgent();
   [[nodiscard]] std::string readLine(std::chrono::steady_clock::time_point until);
 

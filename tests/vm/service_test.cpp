@@ -13,9 +13,8 @@
 #include <string>
 
 #include "tests/integration/link/client.h"
-#include "tests/vm/guest.h"
+#include "tests/vm/installed_service.h"
 
-// The Debian package under systemd, with the kernel's own camera.
 namespace overfly::vm {
 namespace {
 
@@ -23,94 +22,18 @@ namespace fs = std::filesystem;
 using namespace std::chrono_literals;
 using testing::HasSubstr;
 
-// Made once in a process from what is built; lies in the build folder, which the guest sees.
-bool makePackage() {
-  static const bool made = std::system("cd '" OVERFLY_BINARY_DIR
-                                       "' && mkdir -p vm && "
-                                       "cpack -G DEB -B vm >vm/cpack.log 2>&1 && "
-                                       "mv vm/overfly_*.deb vm/overfly.deb") == 0;
-  return made;
-}
-
-constexpr const char* kCamera = "/dev/v4l/by-path/platform-vivid.0-video-index0";
-
-// Plugs the camera in, installs the package and points it at the camera.
-constexpr const char* kInstall = R"(
-set -e
-modprobe vivid n_devs=1
-udevadm settle
-test -e /dev/v4l/by-path/platform-vivid.0-video-index0
-mkdir -p /etc/overfly/conf.d
-cat >/etc/overfly/camera.json <<'JSON'
-{"model": "PINHOLE", "width": 320, "height": 180, "fx": 300, "fy": 300, "cx": 160, "cy": 90}
-JSON
-cat >/etc/overfly/conf.d/50-camera.toml <<'TOML'
-[source]
-kind = "v4l2"
-path = "/dev/v4l/by-path/platform-vivid.0-video-index0"
-retry_s = 0.5
-[camera]
-model_file = "/etc/overfly/camera.json"
-width_px = 320
-height_px = 180
-rate_fps = 5
-[link]
-listen = "0.0.0.0"
-port = 8420
-require_token = false
-TOML
-DEBIAN_FRONTEND=noninteractive dpkg -i /mnt/host/vm/overfly.deb
-systemctl is-active overflyd
-)";
-
-// Frames that are on the disk: lines of all tables of all missions.
-constexpr const char* kRecorded = "cat /var/lib/overfly/map/*/flight-*/frames.tbl 2>/dev/null | wc -l";
-
-class Service : public testing::Test {
+class Service : public InstalledService {
  protected:
   void SetUp() override {
-    if (const std::string reason = Guest::whyNot(); !reason.empty()) GTEST_SKIP() << reason;
-    ASSERT_TRUE(makePackage()) << "cpack failed: see " OVERFLY_BINARY_DIR "/vm/cpack.log";
-    std::string name = (fs::temp_directory_path() / "overfly_vm_disk_XXXXXX").string();
-    ASSERT_NE(mkdtemp(name.data()), nullptr);
-    folder_ = name;
-    boot();
-    const auto installed = guest_->run(kInstall, 300s);
-    ASSERT_EQ(installed.status, 0) << installed.output << guest_->run(kJournal).output;
+    InstalledService::SetUp();
+    if (!IsSkipped()) install(320, 180);
   }
-  void TearDown() override {
-    guest_.reset();
-    std::error_code ignored;
-    if (!folder_.empty()) fs::remove_all(folder_, ignored);
-  }
-  void boot() { guest_ = std::make_unique<Guest>(folder_ / "disk.img"); }
-
-  int recorded() {
-    const auto count = guest_->run(kRecorded);
-    return count.status == 0 ? std::atoi(count.output.c_str()) : -1;
-  }
-  // Until so many frames are recorded.
-  bool waitForFrames(int wanted, std::chrono::seconds limit) {
-    const auto until = std::chrono::steady_clock::now() + limit;
-    while (recorded() < wanted) {
-      if (std::chrono::steady_clock::now() > until) return false;
-      guest_->run("sleep 0.5");
-    }
-    return true;
-  }
-  std::string journal() { return guest_->run(kJournal).output; }
-
-  static constexpr const char* kJournal = "journalctl -u overflyd -n 40 --no-pager";
-  fs::path folder_;
-  std::unique_ptr<Guest> guest_;
 };
 
 TEST_F(Service, RecordsTheCameraAndSurvivesKillHangAndPowerCut) {
   ASSERT_TRUE(waitForFrames(5, 60s)) << journal();
-  EXPECT_THAT(
-      test::fetch("http://127.0.0.1:" + std::to_string(guest_->linkPort()) + "/status", {}, "GET", {}, 60000)
-          .body,
-      HasSubstr("v4l2:" + std::string(kCamera)));
+  EXPECT_THAT(test::fetch(url() + "/status", {}, "GET", {}, 60000).body,
+              HasSubstr("v4l2:" + std::string(kCamera)));
 
   // A kill: systemd starts it again, and what was recorded is still there.
   const int before_kill = recorded();
