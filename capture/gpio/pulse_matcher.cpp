@@ -52,46 +52,36 @@ std::int64_t PulseMatcher::nearest(std::int64_t time_ns) const {
   return best;
 }
 
-bool PulseMatcher::couldHavePulse(std::int64_t time_ns) const {
-  const std::int64_t reach = interval_ns_ / 2;
-  return time_ns >= pulses_.front().time_ns - reach && time_ns <= pulses_.back().time_ns + reach;
-}
-
 PulseMatcher::Fit PulseMatcher::fit(std::int64_t lag_ns, double scale_ns) const {
   Fit fit{lag_ns, 0, 0};
   // The maximum nearby, by reweighting.
   for (int round = 0; round < 4; ++round) {
     double weights = 0, shift = 0;
     for (const std::int64_t stamp : stamps_) {
-      if (!couldHavePulse(stamp - fit.lag_ns)) continue;
       const auto off = static_cast<double>(nearest(stamp - fit.lag_ns));
       const double weight = 1 / (1 + off * off / (scale_ns * scale_ns));
       weights += weight;
       shift -= weight * off;
     }
-    if (weights > 0) fit.lag_ns += static_cast<std::int64_t>(shift / weights);
+    fit.lag_ns += static_cast<std::int64_t>(shift / weights);
   }
   std::vector<std::int64_t> sizes;
   for (const std::int64_t stamp : stamps_) {
-    if (!couldHavePulse(stamp - fit.lag_ns)) continue;
     const std::int64_t off = std::abs(nearest(stamp - fit.lag_ns));
     sizes.push_back(off);
     fit.misfit += std::log1p(std::pow(static_cast<double>(off) / scale_ns, 2));
   }
-  if (sizes.size() < kLeastStamps) {
-    fit.misfit = std::numeric_limits<double>::infinity();
-    return fit;
-  }
-  // As if of all.
-  fit.misfit *= static_cast<double>(stamps_.size()) / static_cast<double>(sizes.size());
   fit.spread_ns = median(std::move(sizes));
   return fit;
 }
 
 void PulseMatcher::findLag() {
+  // Frames from before the first pulse say nothing, and would pull the lag to where later pulses are theirs.
+  while (!stamps_.empty() && !pulses_.empty() &&
+         stamps_.front() - options_.expected_lag_ns < pulses_.front().time_ns - interval() / 2)
+    stamps_.pop_front();
   if (stamps_.size() < kLeastStamps || pulses_.size() < kLeastStamps) return;
-  interval_ns_ = interval();
-  const std::int64_t apart = std::max(interval_ns_ / 4, options_.least_tolerance_ns);
+  const std::int64_t apart = std::max(interval() / 4, options_.least_tolerance_ns);
   const double scale = static_cast<double>(options_.least_tolerance_ns) / 2;
   std::vector<Fit> fits;
   // A few frames stand for all: the right lag is among what they and every pulse would mean.
@@ -101,15 +91,12 @@ void PulseMatcher::findLag() {
       if (std::abs(lag) <= options_.max_lag_ns) fits.push_back(fit(lag, scale));
     }
   }
-  std::erase_if(fits, [](const Fit& one) { return std::isinf(one.misfit); });
   if (fits.empty()) return;
   const auto better = [](const Fit& a, const Fit& b) { return a.misfit < b.misfit; };
   Fit best = *std::min_element(fits.begin(), fits.end(), better);
   // Stamps that wander more than was assumed: measured finer than they are, one lag would win by chance.
   if (const double wander = 1.4826 * static_cast<double>(best.spread_ns); wander > scale) {
-    for (Fit& one : fits) one = fit(one.lag_ns, std::min(wander, static_cast<double>(interval_ns_) / 8));
-    std::erase_if(fits, [](const Fit& one) { return std::isinf(one.misfit); });
-    if (fits.empty()) return;
+    for (Fit& one : fits) one = fit(one.lag_ns, std::min(wander, static_cast<double>(interval()) / 8));
     best = *std::min_element(fits.begin(), fits.end(), better);
   }
   const Fit* chosen = &best;
@@ -121,7 +108,7 @@ void PulseMatcher::findLag() {
         std::abs(chosen->lag_ns - options_.expected_lag_ns))
       chosen = &other;
   }
-  if (2 * chosen->spread_ns > interval_ns_ / 2) return;  // no better than pulses at random
+  if (2 * chosen->spread_ns > interval() / 2) return;  // no better than pulses at random
   lag.ns = chosen->lag_ns;
   lag.sigma_ns = static_cast<std::int64_t>(1.4826 * static_cast<double>(chosen->spread_ns));
   lags_.clear();

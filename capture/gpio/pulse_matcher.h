@@ -65,8 +65,6 @@ class PulseMatcher {
     std::int64_t spread_ns = 0;  // median of what is left
   };
   void findLag();
-  // Pulses came around this time: a frame from before the first or after the last says nothing of the lag.
-  [[nodiscard]] bool couldHavePulse(std::int64_t time_ns) const;
   [[nodiscard]] Fit fit(std::int64_t lag_ns, double scale_ns) const;
   [[nodiscard]] std::int64_t nearest(std::int64_t time_ns) const;  // signed distance to the nearest pulse
   [[nodiscard]] std::int64_t interval() const;                     // median between pulses
@@ -78,7 +76,6 @@ class PulseMatcher {
   std::deque<std::int64_t> stamps_;  // of recent frames
   std::deque<std::int64_t> lags_;    // of recent matches
   std::optional<Lag> lag_;
-  std::int64_t interval_ns_ = 0;  // of the pulses, when the lag was looked for last
   std::int64_t last_taken_ns_ = 0;
   std::size_t misses_ = 0;  // in a row
   PulseCounts counts_;

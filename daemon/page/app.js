@@ -7,7 +7,7 @@ import { GlMap } from './gl_map.js';
 import { Live } from './live.js';
 import { Missions } from './missions.js';
 import { area, firstTheme, note, openOne, pressed, showContact, showCoverage, showHeight, showLegend, showStatus, theme } from './panels.js';
-import { Tiles } from './map_tiles.js';
+import { OTHER_CAMERAS, Tiles } from './map_tiles.js';
 
 const $ = (id) => document.getElementById(id);
 const layers = { track: true, footprints: false, coverage: false, quality: false, plan: true };
@@ -70,10 +70,15 @@ const collection = (features) => ({ type: 'FeatureCollection', features });
 let built = null;
 function buildLayers() {
   const extent = tiles.extent;
-  const signature = extent?.bounds ? `${mission}/${tiles.info.map}/${extent.minzoom}-${extent.maxzoom}-${Boolean(tiles.doc('elevation')?.bounds)}` : '';
+  const signature = extent?.bounds ? `${mission}/${tiles.info.map}/${extent.minzoom}-${extent.maxzoom}-${['elevation', ...OTHER_CAMERAS].map((name) => Boolean(tiles.doc(name)?.bounds))}` : '';
   if (signature === built) return;
   const first = !built;
   built = signature;
+  for (const name of OTHER_CAMERAS) {
+    const button = document.querySelector(`[data-ground="${name}"]`);
+    button.hidden = !tiles.doc(name)?.bounds;
+    if (button.hidden && ground === name) document.querySelector('[data-ground="photo"]').click();
+  }
   view.build();
   view.show(ground, layers);
   drawTrack();

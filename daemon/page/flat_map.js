@@ -61,7 +61,9 @@ export class FlatMap {
 
   show(ground, layers) {
     const relief = ground === 'relief';
-    this.rasters = [...(relief ? [['elevation', 1]] : [['color', 1]]), ...(ground === 'photo' ? [] : [['hillshade', relief ? 0.75 : 0.55]]),
+    const shaded = relief || ground === 'both';
+    this.rasters = [[relief ? 'elevation' : shaded || ground === 'photo' ? 'color' : ground, 1],
+      ...(shaded ? [['hillshade', relief ? 0.75 : 0.55]] : []),
       ...(layers.quality ? [['quality', 0.62]] : []), ...(layers.coverage ? [['coverage', 0.75]] : [])];
     this.visible = { gaps: layers.plan, plan: layers.plan, footprints: layers.footprints, track: layers.track, drone: layers.track };
     this.paint();

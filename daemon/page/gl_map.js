@@ -1,8 +1,8 @@
 // The map in MapLibre GL: needs WebGL 2. flat_map.js has the same methods and draws without it.
-import { COMPOSED, RELIEF } from './map_tiles.js';
+import { COMPOSED, OTHER_CAMERAS, RELIEF } from './map_tiles.js';
 
 const collection = (features) => ({ type: 'FeatureCollection', features });
-const RASTERS = ['color', 'elevation', 'hillshade', 'quality', 'coverage'];
+const RASTERS = ['color', 'elevation', 'hillshade', 'quality', 'coverage', ...OTHER_CAMERAS];
 const SKIRT = 1.5;  // metres that a terrain tile's rim reaches down, to hide cracks between levels
 const LINES = ['plan', 'gaps', 'footprints', 'track', 'drone'];
 
@@ -68,6 +68,7 @@ export class GlMap {
           ...RELIEF.slice(1).flatMap((colour, i) => [0.9 + (top - 0.9) * (i + 1) / (RELIEF.length - 1), colour])] } });
       }
       this.addRaster('color', tiles.extent, {});
+      for (const name of OTHER_CAMERAS) if (tiles.doc(name)?.bounds) this.addRaster(name, tiles.doc(name), {});
       if (elevation?.bounds) this.addRaster('hillshade', elevation, {});
       this.addRaster('quality', tiles.extent, { 'raster-opacity': 0.62 });
       this.addRaster('coverage', tiles.extent, { 'raster-opacity': 0.75 });
@@ -82,13 +83,14 @@ export class GlMap {
     map.addLayer({ id: 'drone', type: 'circle', source: 'drone', paint: { 'circle-radius': 7, 'circle-color': '#38e0c8', 'circle-stroke-width': 2.5, 'circle-stroke-color': '#ffffff' } });
   }
 
-  // What is seen: `ground` is 'photo', 'relief' or 'both', `layers` {name: boolean}.
+  // What is seen: `ground` is 'photo', 'relief', 'both' or another camera's layer, `layers` {name: boolean}.
   show(ground, layers) {
     const { map } = this;
     const set = (id, on) => map.getLayer(id) && map.setLayoutProperty(id, 'visibility', on ? 'visible' : 'none');
-    set('color', ground !== 'relief');
+    set('color', ground === 'photo' || ground === 'both');
+    for (const name of OTHER_CAMERAS) set(name, ground === name);
     set('relief', ground === 'relief');
-    set('hillshade', ground !== 'photo');
+    set('hillshade', ground === 'relief' || ground === 'both');
     if (map.getLayer('hillshade')) map.setPaintProperty('hillshade', 'raster-opacity', ground === 'relief' ? 0.75 : 0.55);
     set('quality', layers.quality);
     set('coverage', layers.coverage);

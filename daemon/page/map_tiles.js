@@ -1,5 +1,6 @@
 // The link's tiles: which there are, and their bytes. Both views of the map (gl_map.js, flat_map.js) ask here.
 export const COMPOSED = 4;  // coarser zooms than the stored ones that the server composes
+export const OTHER_CAMERAS = ['thermal', 'near_infrared'];  // layers like colour, that few maps have
 
 // Heights of a map from its lowest to its highest.
 export const RELIEF = ['#2f6f5e', '#5f9f6b', '#b9c77a', '#dcb873', '#b98052', '#8d5a44', '#efe9e4'];
@@ -38,10 +39,10 @@ export class Tiles {
   }
 
   // Stored tiles that changed ([layer, z, x, y, ...]) as the link's tiles of each layer that is shown:
-  // {color: [{z, x, y}], elevation, hillshade, quality}.
+  // {color: [{z, x, y}], elevation, hillshade, quality, ...}.
   changed(tiles) {
     const shift = Math.log2((this.info?.tile_size ?? 256) / 256);
-    const wanted = { color: new Map(), elevation: new Map(), quality: new Map() };
+    const wanted = Object.fromEntries(['color', 'elevation', 'quality', ...OTHER_CAMERAS].map((name) => [name, new Map()]));
     for (const [name, z, x, y] of tiles) {
       const set = wanted[name];
       if (!set) continue;
@@ -58,7 +59,6 @@ export class Tiles {
     for (const t of wanted.elevation.values()) {
       for (const [dx, dy] of [[-1, 0], [1, 0], [0, -1], [0, 1]]) shade.set(`${t.z}/${t.x + dx}/${t.y + dy}`, { z: t.z, x: t.x + dx, y: t.y + dy });
     }
-    const list = (set) => [...set.values()];
-    return { color: list(wanted.color), elevation: list(wanted.elevation), hillshade: list(shade), quality: list(wanted.quality) };
+    return Object.fromEntries(Object.entries({ ...wanted, hillshade: shade }).map(([name, set]) => [name, [...set.values()]]));
   }
 }

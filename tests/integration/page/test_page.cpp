@@ -15,6 +15,9 @@
 #include "tests/integration/link/client.h"
 #include "tests/integration/link/made_map.h"
 #include "tests/integration/page/browser.h"
+#include "tiling/pyramid/map_writer.h"
+#include "tiling/pyramid/pyramid.h"
+#include "tiling/store/tile_codec.h"
 
 namespace overfly::test {
 namespace {
@@ -244,6 +247,43 @@ TEST_F(Page, AFinishedMapOffersNeitherMissionsToBeginNorAnAccuracy) {
   EXPECT_EQ(browser_->run("return ['mission-new', 'mission-end', 'accuracy'].map(id => "
                           "document.getElementById(id).hidden)"),
             nlohmann::json::array({true, true, true}));
+}
+
+// The orthophoto upside down in brightness stands for the second camera's.
+void addThermal(MadeMap& map) {
+  auto reader = map.store().reader();
+  ASSERT_TRUE(reader);
+  const auto keys = reader->keys(map.corner().zoom, tiling::Layer::Color, {}, SIZE_MAX);
+  ASSERT_TRUE(keys);
+  tiling::MapWriter writer(map.store());
+  for (const geo::TileKey& key : *keys) {
+    auto tile = tiling::readTile(*reader, key, tiling::only(tiling::Layer::Color));
+    ASSERT_TRUE(tile);
+    for (std::size_t i = 0; i < tile->color.size(); ++i)
+      if (i % 4 != 3) tile->color[i] = static_cast<std::uint8_t>(255 - tile->color[i]);
+    ASSERT_TRUE(writer.addPicture(*tile, tiling::Layer::Thermal));
+  }
+  ASSERT_TRUE(writer.flush());
+  ASSERT_TRUE(tiling::makePyramid(map.store(), tiling::Layer::Thermal));
+}
+
+TEST_F(Page, OffersASecondCamerasPicturesWhereTheMapHasThem) {
+  EXPECT_EQ(browser_->run("return document.querySelector('[data-ground=thermal]').hidden"), true);
+  addThermal(*map_);
+  browser_->open(url_);
+  ASSERT_TRUE(becomes([&] { return still(); }, 60s));
+  EXPECT_EQ(browser_->run("return document.querySelector('[data-ground=thermal]').hidden"), false);
+  EXPECT_EQ(browser_->run("return document.querySelector('[data-ground=near_infrared]').hidden"), true);
+  auto shown = settled();
+  expectToChange(shown, "thermal", "[data-ground=thermal]");
+}
+
+TEST_F(FlatPage, OffersASecondCamerasPicturesWhereTheMapHasThem) {
+  addThermal(*map_);
+  browser_->open(url_);
+  ASSERT_TRUE(becomes([&] { return still(); }, 60s));
+  auto shown = settled();
+  expectToChange(shown, "flat-thermal", "[data-ground=thermal]");
 }
 
 TEST_F(FlatPage, PixelsChangeWhenTilesArriveAndNoRequestLeavesTheMachine) {

@@ -22,7 +22,8 @@ struct Scene {
   double jitter_ns = 1e6;
   double missed = 0, spurious = 0, dropped = 0;  // shares
   int frames = 200;
-  int without = 0;  // frames before the first pulse
+  int without = 0;           // frames before the first pulse
+  std::int64_t late_ns = 0;  // frames are taken so much later: a machine that is too busy
 };
 
 struct Outcome {
@@ -55,7 +56,8 @@ Outcome play(const Scene& scene, std::uint64_t seed, const PulseMatcherOptions& 
           {t + std::llround(unit(random) * static_cast<double>(scene.interval_ns)), false, -1, 0});
     const std::int64_t stamp = t + scene.lag_ns + std::llround(scene.jitter_ns * normal(random));
     // Who asks waits until pulses up to the frame's have been told.
-    if (unit(random) >= scene.dropped) events.push_back({std::max(stamp, t + kMs), true, t, stamp});
+    if (unit(random) >= scene.dropped)
+      events.push_back({std::max(stamp, t + kMs) + scene.late_ns, true, t, stamp});
   }
   std::stable_sort(events.begin(), events.end(),
                    [](const Event& a, const Event& b) { return a.time_ns < b.time_ns; });
@@ -198,6 +200,7 @@ TEST(PulseMatcher, FramesFromBeforeTheFirstPulseSayNothingOfTheLag) {
     scene.without = 40;
     scene.missed = 0.05;
     scene.spurious = 0.05;
+    scene.late_ns = 3 * kSecond;
     PulseMatcherOptions options;
     options.expected_lag_ns = 40 * kMs;
     const Outcome outcome = play(scene, seed, options);

@@ -72,7 +72,7 @@ int main(int count, char** arguments) {
                      lag = std::atoll(arguments[4]) * 1'000'000;
   const std::int64_t pulses = std::atoll(arguments[5]) * 1'000'000'000 / interval;
   Record record(arguments[2]);
-  std::atomic<std::int64_t> first{0};
+  std::atomic<std::int64_t> newest{0};  // stamp
   std::thread frames([&] {
     std::ifstream trace("/sys/kernel/tracing/trace_pipe");
     for (std::string line; std::getline(trace, line);) {
@@ -80,16 +80,22 @@ int main(int count, char** arguments) {
       if (!stamp || !sequence) continue;
       record.write("frame " + std::to_string(*sequence) + " " + std::to_string(*stamp) + " " +
                    std::to_string(now()));
-      if (first == 0) first = *stamp;
+      newest = *stamp;
     }
   });
   frames.detach();
-  while (first == 0) sleepUntil(now() + 10'000'000);
-  // In step with the frames: the first pulse that can still be in time.
-  std::int64_t due = first - lag;
-  while (due < now() + interval / 2) due += interval;
+  while (newest == 0) sleepUntil(now() + 10'000'000);
+  std::int64_t due = 0;
   std::mt19937 random(1);  // NOLINT: the same each time
-  for (std::int64_t number = 0; number < pulses; ++number, due += interval) {
+  for (std::int64_t number = 0; number < pulses; ++number) {
+    due += interval;
+    // In step with the frames, also where their driver has fallen out of it.
+    const std::int64_t phase = newest - lag;
+    const std::int64_t off = (due - phase) - (due - phase + interval / 2) / interval * interval;
+    if (due < now() || std::abs(off) > interval / 4) {
+      due = phase;
+      while (due < now() + interval / 2) due += interval;
+    }
     sleepUntil(due);
     if (random() % 20 == 0) {
       record.write("missed " + std::to_string(number));
