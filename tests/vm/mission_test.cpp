@@ -232,6 +232,9 @@ TEST_F(Mission, IsFlownRecordedStampedMappedAndPulled) {
       errors_us.push_back(static_cast<double>(time - own) / 1000);
     } else {
       ++wrong;
+      if (wrong <= 5 || wrong % 50 == 0)
+        std::printf("exposure %llu has a time %.1f ms after its pulse\n",
+                    static_cast<unsigned long long>(number), static_cast<double>(time - own) / 1e6);
     }
   }
   ASSERT_FALSE(errors_us.empty()) << at_end.dump(1);
