@@ -9,9 +9,8 @@ namespace {
 
 constexpr std::size_t kStamps = 24;      // frames that the lag is found from
 constexpr std::size_t kLeastStamps = 8;  // at least
-// Log-likelihood by which a lag must win, and frames without a pulse that must not decide: a lag that is
-// wrong by one interval differs by a frame at each end.
-constexpr double kMargin = 10, kEnds = 2;
+// Log-likelihood by which a lag must win: one frame at the end whose pulse has not come is not enough.
+constexpr double kMargin = 10;
 constexpr std::size_t kPulses = 256;
 constexpr std::size_t kLags = 31;
 constexpr std::size_t kMissesToDoubt = 10;
@@ -83,7 +82,7 @@ void PulseMatcher::findLag() {
     stamps_.pop_front();
   if (stamps_.size() < kLeastStamps || pulses_.size() < kLeastStamps) return;
   const std::int64_t apart = std::max(interval() / 4, options_.least_tolerance_ns);
-  double scale = static_cast<double>(options_.least_tolerance_ns) / 2;
+  const double scale = static_cast<double>(options_.least_tolerance_ns) / 2;
   std::vector<Fit> fits;
   // A few frames stand for all: the right lag is among what they and every pulse would mean.
   for (std::size_t k = 0; k < stamps_.size(); k += stamps_.size() / 4) {
@@ -97,16 +96,13 @@ void PulseMatcher::findLag() {
   Fit best = *std::min_element(fits.begin(), fits.end(), better);
   // Stamps that wander more than was assumed: measured finer than they are, one lag would win by chance.
   if (const double wander = 1.4826 * static_cast<double>(best.spread_ns); wander > scale) {
-    scale = std::min(wander, static_cast<double>(interval()) / 8);
-    for (Fit& one : fits) one = fit(one.lag_ns, scale);
+    for (Fit& one : fits) one = fit(one.lag_ns, std::min(wander, static_cast<double>(interval()) / 8));
     best = *std::min_element(fits.begin(), fits.end(), better);
   }
-  const double without = std::log1p(std::pow(static_cast<double>(interval()) / 2 / scale, 2));
-  const double margin = std::max(kMargin, kEnds * without + 1);
   const Fit* chosen = &best;
   Lag lag;
   for (const Fit& other : fits) {
-    if (other.misfit > best.misfit + margin || std::abs(other.lag_ns - best.lag_ns) <= apart) continue;
+    if (other.misfit > best.misfit + kMargin || std::abs(other.lag_ns - best.lag_ns) <= apart) continue;
     lag.ambiguous = true;
     if (std::abs(other.lag_ns - options_.expected_lag_ns) <
         std::abs(chosen->lag_ns - options_.expected_lag_ns))

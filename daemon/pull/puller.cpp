@@ -32,11 +32,6 @@ double secondsSince(Clock::time_point then) {
   return std::chrono::duration<double>(Clock::now() - then).count();
 }
 
-constexpr tiling::LayerSet kPulled =
-    tiling::only(tiling::Layer::Color) | tiling::only(tiling::Layer::Elevation) |
-    tiling::only(tiling::Layer::ElevationMax) | tiling::only(tiling::Layer::Quality) |
-    tiling::only(tiling::Layer::Thermal) | tiling::only(tiling::Layer::NearInfrared);
-
 std::string layerNames(tiling::LayerSet layers) {
   std::string out;
   for (const auto layer : tiling::kLayers)
@@ -136,7 +131,7 @@ struct Puller::Impl {
     lattice = *geo::TileLattice::parse(map.meta.lattice);
     remote = std::move(map);
     writer.open(std::move(*opened));
-    layers = options.layers & writer.mirror().layers() & kPulled;
+    layers = options.layers & writer.mirror().layers() & tiling::kLinkLayers;
     list_cursor = writer.mirror().cursor();
     last_event.clear();
     ++generation;

@@ -86,10 +86,7 @@ Result<BatchResult> mapFlight(gl::Context& context, const capture::Flight& fligh
   // No cell has been coloured yet: none is to be made again.
   (void)mapper.balanceExposure();
 
-  std::vector<geo::TileKey> order(cells.begin(), cells.end());
-  std::sort(order.begin(), order.end(), [](const geo::TileKey& a, const geo::TileKey& b) {
-    return std::pair(a.y, a.x) < std::pair(b.y, b.x);
-  });
+  const std::vector<geo::TileKey> order = Mapper::rowByRow(cells);
   std::uint64_t done = 0;
   for (const geo::TileKey& cell : order) {
     progress("cells", done++, order.size());

@@ -104,10 +104,7 @@ Result<DrapeResult> drapeFlight(
   }
   (void)mapper.balanceExposure();
 
-  std::vector<geo::TileKey> order(cells.begin(), cells.end());
-  std::sort(order.begin(), order.end(), [](const geo::TileKey& a, const geo::TileKey& b) {
-    return std::pair(a.y, a.x) < std::pair(b.y, b.x);
-  });
+  const std::vector<geo::TileKey> order = Mapper::rowByRow(cells);
   std::uint64_t done = 0;
   for (const geo::TileKey& cell : order) {
     report("tiles", done++, order.size());

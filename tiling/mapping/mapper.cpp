@@ -249,6 +249,14 @@ void Mapper::onPause(std::function<bool()> pause) {
 
 const MapperStatistics& Mapper::statistics() const { return impl_->statistics; }
 
+std::vector<geo::TileKey> Mapper::rowByRow(const std::set<geo::TileKey>& cells) {
+  std::vector<geo::TileKey> order(cells.begin(), cells.end());
+  std::sort(order.begin(), order.end(), [](const geo::TileKey& a, const geo::TileKey& b) {
+    return std::pair(a.y, a.x) < std::pair(b.y, b.x);
+  });
+  return order;
+}
+
 std::vector<geo::TileKey> Mapper::neighboursOf(const geo::TileKey& cell) {
   std::vector<geo::TileKey> keys;
   for (int dy = -1; dy <= 1; ++dy)

@@ -4,6 +4,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <set>
 #include <vector>
 
 #include "capture/frame.h"
@@ -141,6 +142,8 @@ class Mapper {
   // Unavailable, and nothing of it is kept. None at the start.
   void onPause(std::function<bool()> pause);
 
+  // Row by row from the north, as a batch goes through them.
+  [[nodiscard]] static std::vector<geo::TileKey> rowByRow(const std::set<geo::TileKey>& cells);
   [[nodiscard]] static std::vector<geo::TileKey> neighboursOf(
       const geo::TileKey& cell);  // 3x3, itself included
   [[nodiscard]] const MapperStatistics& statistics() const;

@@ -19,8 +19,7 @@ enum class Layer : std::uint8_t {
 };
 inline constexpr Layer kLayers[] = {Layer::Color, Layer::Elevation, Layer::ElevationMax, Layer::Quality,
                                     Layer::State, Layer::Thermal,   Layer::NearInfrared};
-// What cameras saw, draped over the surface.
-inline constexpr Layer kPictures[] = {Layer::Color, Layer::Thermal, Layer::NearInfrared};
+// What a camera saw, draped over the surface.
 [[nodiscard]] constexpr bool isPicture(Layer layer) {
   return layer == Layer::Color || layer == Layer::Thermal || layer == Layer::NearInfrared;
 }
@@ -33,6 +32,10 @@ inline constexpr Layer kPictures[] = {Layer::Color, Layer::Thermal, Layer::NearI
 using LayerSet = std::uint32_t;
 [[nodiscard]] constexpr LayerSet only(Layer layer) { return LayerSet{1} << static_cast<unsigned>(layer); }
 inline constexpr LayerSet kAllLayers = ~LayerSet{0};
+// What leaves the drone: everything but the sweep's own.
+inline constexpr LayerSet kLinkLayers = only(Layer::Color) | only(Layer::Elevation) |
+                                        only(Layer::ElevationMax) | only(Layer::Quality) |
+                                        only(Layer::Thermal) | only(Layer::NearInfrared);
 [[nodiscard]] constexpr bool contains(LayerSet set, Layer layer) { return (set & only(layer)) != 0; }
 
 // How a layer's bytes are coded. Jpeg and Webp are ordinary files of their kind and can be sent as they are.

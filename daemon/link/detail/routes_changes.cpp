@@ -11,12 +11,8 @@ namespace {
 
 constexpr std::size_t kPage = 256;         // changes read from the store at once
 constexpr std::size_t kEventTiles = 2000;  // tiles named in one event; more is a resync
-constexpr tiling::LayerSet kLinkLayers =
-    tiling::only(tiling::Layer::Color) | tiling::only(tiling::Layer::Elevation) |
-    tiling::only(tiling::Layer::ElevationMax) | tiling::only(tiling::Layer::Quality) |
-    tiling::only(tiling::Layer::Thermal) | tiling::only(tiling::Layer::NearInfrared);
-
-const tiling::ChangeFilter kEventFilter{.box = {}, .layers = kLinkLayers, .min_zoom = 0, .max_zoom = 63};
+const tiling::ChangeFilter kEventFilter{
+    .box = {}, .layers = tiling::kLinkLayers, .min_zoom = 0, .max_zoom = 63};
 
 // What /changes and /bundle have in common.
 struct Wish {
@@ -27,14 +23,14 @@ struct Wish {
 std::optional<Wish> parseWish(const Request& request, const MapView& view, const LinkOptions& options,
                               const char* budget_name, std::string& problem) {
   Wish wish;
-  wish.filter.layers = kLinkLayers;
+  wish.filter.layers = tiling::kLinkLayers;
   if (const auto layers = request.arg("layers")) {
     const auto set = parseLayers(*layers);
     if (!set) {
       problem = "layers: a comma-separated list of color, elevation, elevation_max, quality";
       return std::nullopt;
     }
-    wish.filter.layers = *set & kLinkLayers;
+    wish.filter.layers = *set & tiling::kLinkLayers;
   }
   if (const auto text = request.arg("bbox")) {
     const auto box = parseBox(*text);
@@ -96,7 +92,8 @@ std::string changeLine(const MapView& view, const tiling::Change& change) {
 nlohmann::json eventTiles(const MapView& view, const std::vector<tiling::Change>& changes) {
   auto out = nlohmann::json::array();
   for (const auto& change : changes) {
-    if (!tiling::contains(kLinkLayers, change.layer) || change.layer == tiling::Layer::ElevationMax) continue;
+    if (!tiling::contains(tiling::kLinkLayers, change.layer) || change.layer == tiling::Layer::ElevationMax)
+      continue;
     const auto key = view.lattice().wrapped(change.key);
     out.push_back({tiling::name(change.layer), key.zoom, key.x, key.y, change.revision});
   }
@@ -190,7 +187,7 @@ Response Routes::bundleByName(const Visit& visit, const std::string& text) {
   std::string body;
   for (const auto& one : *wanted) {
     if (body.size() >= options_.max_bundle_bytes) break;
-    if (!tiling::contains(kLinkLayers, one.layer)) continue;
+    if (!tiling::contains(tiling::kLinkLayers, one.layer)) continue;
     TileRecord record;
     record.key = one.key;
     tiling::StoredLayer layer;

@@ -10,17 +10,12 @@ struct MapSize {
   std::uint64_t bytes = 0, largest = 0;
 };
 
-inline constexpr tiling::LayerSet kMirrored =
-    tiling::only(tiling::Layer::Color) | tiling::only(tiling::Layer::Elevation) |
-    tiling::only(tiling::Layer::ElevationMax) | tiling::only(tiling::Layer::Quality) |
-    tiling::only(tiling::Layer::Thermal);
-
 // All that is to be mirrored of a map.
 inline std::vector<tiling::Change> contents(const tiling::MapReader& reader) {
   std::vector<tiling::Change> out;
   auto cursor = tiling::ChangeCursor::after(0);
   while (!cursor.done) {
-    const auto page = reader.changes(cursor, {.box = {}, .layers = kMirrored}, 1000);
+    const auto page = reader.changes(cursor, {.box = {}, .layers = tiling::kLinkLayers}, 1000);
     if (!page) throw std::runtime_error(page.error().message);
     out.insert(out.end(), page->changes.begin(), page->changes.end());
     cursor = page->next;
